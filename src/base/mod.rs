@@ -1,0 +1,18 @@
+//! Mathematics, random streams and parallel helpers that know nothing of baking.
+//!
+//! Every function here is a pure function of its arguments, and gives the same bits on every CPU and thread count:
+//! transcendental functions come from `libm` (pure Rust), never from the platform's C library, and nothing uses fused
+//! multiply-add.
+
+pub mod color;
+pub mod frame;
+pub mod low_discrepancy;
+pub mod parallel;
+pub mod random;
+pub mod warning;
+pub mod warp;
+
+pub use color::Rgb;
+pub use frame::Frame;
+pub use random::Stream;
+pub use warning::{Warned, Warning};

@@ -1,0 +1,49 @@
+//! Parallel loops whose results do not depend on the number of threads.
+//!
+//! Work is cut into chunks of a fixed size; chunk results come back in order. A sum of floats is taken chunk by chunk in
+//! order, so it has the same bits for any pool (rayon's own `sum` does not).
+
+use rayon::prelude::*;
+
+/// Elements per chunk of a parallel sum.
+const SUM_CHUNK: usize = 4096;
+
+/// `f(0), f(1), … f(n − 1)` in order, computed in parallel.
+pub fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    (0..n).into_par_iter().map(|i| f(i)).collect()
+}
+
+/// `f(chunk range)` for consecutive ranges of at most `chunk` indices that cover 0..n, in order.
+pub fn map_chunks<T: Send>(n: usize, chunk: usize, f: impl Fn(core::ops::Range<usize>) -> T + Sync) -> Vec<T> {
+    let chunk = chunk.max(1);
+    map(n.div_ceil(chunk), |c| f(c * chunk..n.min((c + 1) * chunk)))
+}
+
+/// Sum of `f(i)` over 0..n in double precision; the same bits at every thread count.
+pub fn sum(n: usize, f: impl Fn(usize) -> f64 + Sync) -> f64 {
+    map_chunks(n, SUM_CHUNK, |range| range.map(&f).fold(0.0, |a, b| a + b)).into_iter().fold(0.0, |a, b| a + b)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sums_have_the_same_bits_at_every_thread_count() {
+        let terms = |i: usize| f64::from((i as f32 * 0.731).sin()) * 1e3;
+        let bits: Vec<u64> = [1, 2, 3, 8]
+            .into_iter()
+            .map(|threads| {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                pool.install(|| sum(1_000_003, terms)).to_bits()
+            })
+            .collect();
+        assert!(bits.windows(2).all(|w| w[0] == w[1]));
+    }
+
+    #[test]
+    fn chunks_cover_every_index_once() {
+        let all: Vec<usize> = map_chunks(1001, 7, |r| r.collect::<Vec<_>>()).into_iter().flatten().collect();
+        assert_eq!(all, (0..1001).collect::<Vec<_>>());
+    }
+}

@@ -1,0 +1,12 @@
+//! texelwalk bakes diffuse global illumination into lightmaps or vertex colours for glTF assets.
+
+pub mod atlas;
+pub mod base;
+pub mod finish;
+pub mod gather;
+pub mod light;
+pub mod output;
+pub mod patches;
+pub mod scene;
+pub mod trace;
+pub mod walk;

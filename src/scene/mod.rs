@@ -1,0 +1,111 @@
+//! glTF or GLB → [`Scene`]: world-space triangles, materials, textures, lights, sky, cameras.
+//!
+//! After this stage nothing is optional: transforms are applied, triangles wind counter-clockwise seen from their front
+//! (also under mirrored transforms), normals and vertex colours exist, units are glTF's photometric ones.
+//!
+//! Vertex k of a [`Part`] is element k of the accessors of its primitive, so that `output` can copy attributes by index.
+
+mod light;
+mod material;
+mod surface;
+mod texture;
+
+pub use light::{Light, Sky};
+pub use material::{Alpha, Material, TextureRef};
+pub use texture::{Texture, Wrap};
+
+use core::ops::Range;
+use glam::{Mat4, Vec2, Vec3, Vec4};
+
+/// Everything that is baked or stands in the light, in world space.
+#[derive(Debug, Default)]
+pub struct Scene {
+    /// Vertex attributes, indexed by the triangles.
+    pub vertices: Vertices,
+    /// Vertex indices of each triangle, counter-clockwise seen from the front.
+    pub triangles: Vec<[u32; 3]>,
+    /// Index into `parts` for each triangle.
+    pub triangle_part: Vec<u32>,
+    /// One entry per (node, primitive), in document order of the node tree walk.
+    pub parts: Vec<Part>,
+    /// Materials of the document, then one default material that primitives without a material use.
+    pub materials: Vec<Material>,
+    /// Decoded textures of the document, by texture index.
+    pub textures: Vec<Texture>,
+    /// Punctual lights in world space.
+    pub lights: Vec<Light>,
+    /// Light from infinity in every direction.
+    pub sky: Sky,
+    /// Cameras in world space.
+    pub cameras: Vec<Camera>,
+}
+
+/// Vertex attributes in world space, structure of arrays, all of the same length.
+#[derive(Debug, Default)]
+pub struct Vertices {
+    /// Position [m].
+    pub position: Vec<Vec3>,
+    /// Unit normal.
+    pub normal: Vec<Vec3>,
+    /// Linear vertex colour (white where the primitive has none).
+    pub color: Vec<Vec4>,
+    /// Texture coordinates by set; a set has one entry per vertex (zero where a primitive lacks the set).
+    pub uv: Vec<Vec<Vec2>>,
+}
+
+/// One primitive as placed by one node.
+#[derive(Debug, Clone)]
+pub struct Part {
+    /// Index of the node in the document.
+    pub node: usize,
+    /// Index of the mesh in the document.
+    pub mesh: usize,
+    /// Index of the primitive in the mesh.
+    pub primitive: usize,
+    /// Name of the node, or `node 7`; for messages.
+    pub name: String,
+    /// Its range in `Scene::vertices`.
+    pub vertices: Range<u32>,
+    /// Its range in `Scene::triangles`.
+    pub triangles: Range<u32>,
+    /// Index into `Scene::materials`.
+    pub material: usize,
+    /// The node's transform mirrors, so the winding of `triangles` is the reverse of the document's.
+    pub mirrored: bool,
+    /// No normals in the document: shading normals are the triangles' own.
+    pub flat: bool,
+    /// The primitive has a TEXCOORD_1 (then `Vertices::uv[1]` holds it).
+    pub has_uv1: bool,
+    /// It gets lightmap texels. False for unlit, skinned and morphed primitives, which still block light.
+    pub receives: bool,
+}
+
+/// A camera of the document.
+#[derive(Debug, Clone)]
+pub struct Camera {
+    /// Name of its node, for messages.
+    pub name: String,
+    /// Looks along −z, y up.
+    pub world_from_camera: Mat4,
+    /// Lens.
+    pub projection: Projection,
+}
+
+/// The lens of a camera.
+#[derive(Debug, Clone, Copy)]
+pub enum Projection {
+    /// Vertical field of view [rad]; aspect = width/height where the document fixes it.
+    Perspective {
+        /// Vertical field of view [rad].
+        yfov: f32,
+        /// Width over height; `None` = of the picture.
+        aspect: Option<f32>,
+    },
+    /// Half sizes of the view [m].
+    Orthographic {
+        /// Half width [m].
+        xmag: f32,
+        /// Half height [m].
+        ymag: f32,
+    },
+}

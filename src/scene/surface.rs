@@ -1,0 +1,122 @@
+//! What a surface is like at a point of a triangle.
+//!
+//! A point is given by `b = (b1, b2)`, the barycentric weights of the triangle's vertices 1 and 2.
+
+use super::{Alpha, Material, Part, Scene, TextureRef};
+use crate::base::Rgb;
+use glam::{Vec2, Vec3, Vec4};
+
+impl Scene {
+    /// The three corners of a triangle in world space [m].
+    #[must_use]
+    pub fn corners(&self, triangle: u32) -> [Vec3; 3] {
+        self.triangles[triangle as usize].map(|v| self.vertices.position[v as usize])
+    }
+
+    /// World position [m].
+    #[must_use]
+    pub fn position(&self, triangle: u32, b: Vec2) -> Vec3 {
+        mix(self.corners(triangle), b)
+    }
+
+    /// Area [m²].
+    #[must_use]
+    pub fn area(&self, triangle: u32) -> f64 {
+        let [p0, p1, p2] = self.corners(triangle).map(|p| p.as_dvec3());
+        0.5 * (p1 - p0).cross(p2 - p0).length()
+    }
+
+    /// Unit normal of the triangle's front side; zero for a triangle without area.
+    #[must_use]
+    pub fn geometric_normal(&self, triangle: u32) -> Vec3 {
+        let [p0, p1, p2] = self.corners(triangle).map(|p| p.as_dvec3());
+        (p1 - p0).cross(p2 - p0).normalize_or_zero().as_vec3()
+    }
+
+    /// Interpolated unit normal, on the front side of the triangle.
+    #[must_use]
+    pub fn shading_normal(&self, triangle: u32, b: Vec2) -> Vec3 {
+        let geometric = self.geometric_normal(triangle);
+        if self.part(triangle).flat {
+            return geometric;
+        }
+        let n = mix(self.triangles[triangle as usize].map(|v| self.vertices.normal[v as usize]), b);
+        let n = n.normalize_or_zero();
+        if n.dot(geometric) > 0.0 { n } else { geometric }
+    }
+
+    /// The part that a triangle belongs to.
+    #[must_use]
+    pub fn part(&self, triangle: u32) -> &Part {
+        &self.parts[self.triangle_part[triangle as usize] as usize]
+    }
+
+    /// The material of a triangle.
+    #[must_use]
+    pub fn material(&self, triangle: u32) -> &Material {
+        &self.materials[self.part(triangle).material]
+    }
+
+    /// Diffuse reflectance ρ = base colour · (1 − metallic), in [0, 1]; 0 for unlit materials.
+    #[must_use]
+    pub fn reflectance(&self, triangle: u32, b: Vec2) -> Rgb {
+        let material = self.material(triangle);
+        if material.unlit {
+            return Rgb::ZERO;
+        }
+        let mut metallic = material.metallic;
+        if let Some(r) = &material.metallic_texture {
+            metallic *= self.textures[r.texture].sample_linear(self.texture_uv(triangle, b, r)).z;
+        }
+        let base = self.base_color(triangle, b).truncate();
+        (base * (1.0 - metallic)).clamp(Rgb::ZERO, Rgb::ONE)
+    }
+
+    /// Emitted radiance of the front side [cd/m²] (both sides of a double-sided material).
+    #[must_use]
+    pub fn emission(&self, triangle: u32, b: Vec2) -> Rgb {
+        let material = self.material(triangle);
+        if material.unlit || material.emission.max_element() <= 0.0 {
+            return Rgb::ZERO;
+        }
+        match &material.emission_texture {
+            None => material.emission,
+            Some(r) => {
+                let texel = self.textures[r.texture].sample_srgb(self.texture_uv(triangle, b, r));
+                material.emission * texel.truncate()
+            }
+        }
+    }
+
+    /// Probability in [0, 1] that the surface stops a ray at this point.
+    #[must_use]
+    pub fn opacity(&self, triangle: u32, b: Vec2) -> f32 {
+        match self.material(triangle).alpha {
+            Alpha::Opaque => 1.0,
+            Alpha::Mask(cutoff) => f32::from(u8::from(self.base_color(triangle, b).w >= cutoff)),
+            Alpha::Blend => self.base_color(triangle, b).w.clamp(0.0, 1.0),
+        }
+    }
+
+    /// Base colour and alpha: factor × texture × vertex colour, linear.
+    #[must_use]
+    pub fn base_color(&self, triangle: u32, b: Vec2) -> Vec4 {
+        let material = self.material(triangle);
+        let [c0, c1, c2] = self.triangles[triangle as usize].map(|v| self.vertices.color[v as usize]);
+        let mut color = material.base_color * (c0 * (1.0 - b.x - b.y) + c1 * b.x + c2 * b.y);
+        if let Some(r) = &material.base_color_texture {
+            color *= self.textures[r.texture].sample_srgb(self.texture_uv(triangle, b, r));
+        }
+        color
+    }
+
+    fn texture_uv(&self, triangle: u32, b: Vec2, r: &TextureRef) -> Vec2 {
+        let set = &self.vertices.uv[r.uv_set];
+        let [a, c, d] = self.triangles[triangle as usize].map(|v| set[v as usize]);
+        r.transform.transform_point2(a + (c - a) * b.x + (d - a) * b.y)
+    }
+}
+
+fn mix(v: [Vec3; 3], b: Vec2) -> Vec3 {
+    v[0] * (1.0 - b.x - b.y) + v[1] * b.x + v[2] * b.y
+}
