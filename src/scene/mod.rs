@@ -5,11 +5,13 @@
 //!
 //! Vertex k of a [`Part`] is element k of the accessors of its primitive, so that `output` can copy attributes by index.
 
+mod document;
 mod light;
 mod material;
 mod surface;
 mod texture;
 
+pub use document::{AccessorData, Document};
 pub use light::{Light, Sky};
 pub use material::{Alpha, Material, TextureRef};
 pub use texture::{Texture, Wrap};
@@ -20,6 +22,8 @@ use glam::{Mat4, Vec2, Vec3, Vec4};
 /// Everything that is baked or stands in the light, in world space.
 #[derive(Debug, Default)]
 pub struct Scene {
+    /// The input as read.
+    pub document: Document,
     /// Vertex attributes, indexed by the triangles.
     pub vertices: Vertices,
     /// Vertex indices of each triangle, counter-clockwise seen from the front.
