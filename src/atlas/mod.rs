@@ -2,6 +2,8 @@
 //!
 //! Lightmap coordinates are kept in texels: x right, y down, texel (0, 0) covers [0, 1)². UV = texels / page size.
 
+pub mod raster;
+
 use glam::Vec2;
 
 /// No chart: the triangle has no area, or its part receives no light.

@@ -48,6 +48,12 @@ impl<'a> Tracer<'a> {
         Self { scene }
     }
 
+    /// The scene that it was built from.
+    #[must_use]
+    pub fn scene(&self) -> &'a Scene {
+        self.scene
+    }
+
     /// The nearest hit with 0 < t < t_max; of equal distances the smallest triangle index.
     #[must_use]
     pub fn closest_hit(&self, _ray: &Ray) -> Option<Hit> {
