@@ -14,7 +14,7 @@
 
 use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, mix};
-use crate::base::{Frame, Rgb, parallel, warp};
+use crate::base::{Frame, Progress, Rgb, parallel, warp};
 use crate::patches::Patches;
 use crate::trace::{Ray, Tracer};
 use glam::Vec2;
@@ -48,9 +48,17 @@ struct Texel {
 
 /// Gathers at every front patch. `radiance` is what each patch sends out [cd/m²], one solution per half.
 #[must_use]
-pub fn gather(tracer: &Tracer<'_>, patches: &Patches, radiance: [&[Rgb]; 2], settings: &Settings) -> Gathered {
+pub fn gather(
+    tracer: &Tracer<'_>,
+    patches: &Patches,
+    radiance: [&[Rgb]; 2],
+    settings: &Settings,
+    progress: &Progress,
+) -> Gathered {
     let per_half = settings.rays.div_ceil(2);
-    let texels = parallel::map(patches.front, |i| texel(tracer, patches, radiance, settings.seed, per_half, i));
+    let texels = parallel::map_watched(patches.front, progress, |i| {
+        texel(tracer, patches, radiance, settings.seed, per_half, i)
+    });
     Gathered {
         halves: [0, 1].map(|h| texels.iter().map(|t| t.halves[h]).collect()),
         distance: texels.iter().map(|t| t.distance).collect(),

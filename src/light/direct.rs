@@ -11,7 +11,7 @@ use super::emitters::Emitters;
 use super::{Settings, punctual};
 use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, mix};
-use crate::base::{Frame, Rgb, parallel, warp};
+use crate::base::{Frame, Progress, Rgb, parallel, warp};
 use crate::patches::{Patches, SurfacePoint};
 use crate::scene::{Light, Scene};
 use crate::trace::{Ray, Tracer};
@@ -46,15 +46,15 @@ struct Context<'a> {
 
 /// Irradiance [lx] of every patch, fronts and backs.
 #[must_use]
-pub fn direct(tracer: &Tracer<'_>, patches: &Patches, emitters: &Emitters, settings: &Settings) -> Vec<Rgb> {
+pub fn direct(
+    tracer: &Tracer<'_>,
+    patches: &Patches,
+    emitters: &Emitters,
+    settings: &Settings,
+    progress: &Progress,
+) -> Vec<Rgb> {
     let context = Context { tracer, patches, emitters, settings };
-    parallel::map_chunks(patches.len(), 64, |range| {
-        let mut running = vec![];
-        range.map(|i| context.patch(i, &mut running)).collect::<Vec<_>>()
-    })
-    .into_iter()
-    .flatten()
-    .collect()
+    parallel::map_watched(patches.len(), progress, |i| context.patch(i, &mut vec![]))
 }
 
 impl Context<'_> {

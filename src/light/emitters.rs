@@ -110,7 +110,8 @@ impl Emitters {
         }
         let e = &self.triangles[k];
         let (direction, b, solid_angle) = e.direction(position, u)?;
-        let radiance = if e.two_sided || e.normal.dot(direction) < 0.0 { scene.emission(e.triangle, b) } else { Rgb::ZERO };
+        let radiance =
+            if e.two_sided || e.normal.dot(direction) < 0.0 { scene.emission(e.triangle, b) } else { Rgb::ZERO };
         Some(Sampled { direction, triangle: e.triangle, b, weighted: radiance * (solid_angle / probability) })
     }
 

@@ -101,7 +101,8 @@ mod tests {
     #[test]
     fn range_window_of_the_extension() {
         let light = Light::Point { position: Vec3::ZERO, intensity: Rgb::ONE, range: 2.0, radius: 0.0 };
-        let at = |d: f32| seen_from(&light, Vec3::new(d, 0.0, 0.0), Vec2::ZERO).map_or(0.0, |s| s.illuminance.x * d * d);
+        let at =
+            |d: f32| seen_from(&light, Vec3::new(d, 0.0, 0.0), Vec2::ZERO).map_or(0.0, |s| s.illuminance.x * d * d);
         assert!((at(1.0) - (1.0 - 1.0 / 16.0)).abs() < 1e-6);
         assert_eq!(at(2.0), 0.0);
         assert_eq!(at(3.0), 0.0);

@@ -54,6 +54,12 @@ impl<'a> Tracer<'a> {
         self.scene
     }
 
+    /// Smallest box around the scene [m]; zero for an empty scene.
+    #[must_use]
+    pub fn bounds(&self) -> (Vec3, Vec3) {
+        (Vec3::ZERO, Vec3::ZERO)
+    }
+
     /// The nearest hit with 0 < t < t_max; of equal distances the smallest triangle index.
     #[must_use]
     pub fn closest_hit(&self, _ray: &Ray) -> Option<Hit> {

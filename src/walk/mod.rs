@@ -21,8 +21,7 @@ mod accumulate;
 mod deposit;
 mod shoot;
 
-use crate::base::Rgb;
-use crate::base::parallel;
+use crate::base::{Progress, Rgb, parallel};
 use crate::patches::{PatchGraph, Patches};
 use crate::trace::{Line, Tracer};
 
@@ -96,8 +95,10 @@ pub fn walk(
     unshot: Vec<Rgb>,
     emitted: Option<&EmittedLines<'_>>,
     settings: &Settings,
+    progress: &Progress,
 ) -> Walk {
-    let shooter = shoot::Shooter { tracer, patches, graph, settings };
+    let shooter = shoot::Shooter { tracer, patches, graph, settings, progress };
+    progress.start(settings.lines);
     let mut state = State::new(patches, unshot);
     if let Some(emitted) = emitted {
         let lines = state.lines_for(Some(emitted), patches, settings);

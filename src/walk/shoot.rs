@@ -8,7 +8,7 @@ use super::deposit::{Arrival, deposit};
 use super::{Bounce, EmittedLines, Settings};
 use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, mix};
-use crate::base::{Frame, Rgb, Stream, parallel, warp};
+use crate::base::{Frame, Progress, Rgb, Stream, parallel, warp};
 use crate::patches::{PatchGraph, Patches};
 use crate::trace::{Line, Ray, Tracer};
 use glam::{DVec3, Vec2};
@@ -22,6 +22,7 @@ pub(super) struct Shooter<'a> {
     pub(super) patches: &'a Patches,
     pub(super) graph: &'a PatchGraph,
     pub(super) settings: &'a Settings,
+    pub(super) progress: &'a Progress,
 }
 
 /// Sums of one chunk of lines.
@@ -43,7 +44,8 @@ impl Shooter<'_> {
         let flux = Flux::new(self.patches.len(), 8.0 * f64::from(emitted.flux.max_element()));
         let tallies = parallel::map_chunks(lines as usize, CHUNK, |range| {
             let mut tally = Tally::default();
-            for k in range {
+            self.progress.advance(range.len() as u64);
+            for k in range.filter(|_| !self.progress.cancelled()) {
                 self.land(&(emitted.line)(k as u64, lines), &flux, distances, &mut tally);
             }
             tally
@@ -69,8 +71,9 @@ impl Shooter<'_> {
         let step = total / lines as f64;
         let tallies = parallel::map_chunks(lines as usize, CHUNK, |range| {
             let mut tally = Tally::default();
+            self.progress.advance(range.len() as u64);
             let mut patch = running.partition_point(|&s| s <= (range.start as f64 + offset) * step);
-            for k in range {
+            for k in range.filter(|_| !self.progress.cancelled()) {
                 let target = (k as f64 + offset) * step;
                 while patch + 1 < running.len() && running[patch] <= target {
                     patch += 1;
