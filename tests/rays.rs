@@ -1,7 +1,7 @@
 //! Ray queries against an independent reference: brute force over all triangles, Möller–Trumbore in f64.
 //!
 //! A *tie* is a ray whose answer rounding may change: the two answers are the same point within a few parts in 10¹² of
-//! the scene across the ray, and one f32 step along it. Ties are counted, printed and bounded; anything else is a fault.
+//! the scene across the ray, and one f32 step along it; or the ray starts exactly on a triangle. Ties are counted, printed and bounded; anything else is a fault.
 #![allow(clippy::unwrap_used, reason = "tests")]
 #![allow(clippy::print_stdout, reason = "figures of the slow tests")]
 
@@ -134,7 +134,8 @@ fn compare(tracer: &Tracer<'_>, tris: &[Plain], ray: &Ray, tally: &mut Tally) {
             let mine = again(f.triangle);
             let border =
                 |m: &Meeting| m.weights.iter().any(|w| w.abs() < 1e-9) || grazes(&tris[m.triangle as usize], d);
-            let legal = may_hit(mine) && (same_distance(e.t32(), f.t) || border(e) || mine.is_some_and(|m| border(&m)));
+            let free = |m: &Meeting| border(m) || mine_at_limit(Some(*m), ray);
+            let legal = may_hit(mine) && (same_distance(e.t32(), f.t) || free(e) || mine.is_some_and(|m| free(&m)));
             if legal { &mut tally.ties } else { &mut tally.faults }.push(story());
         }
         (None, Some(f)) => {
@@ -149,9 +150,10 @@ fn compare(tracer: &Tracer<'_>, tris: &[Plain], ray: &Ray, tally: &mut Tally) {
     }
 }
 
-/// The hit is within one f32 step of `t_max` or of 0.
+/// The hit is within one f32 step of `t_max`, or the ray starts on the triangle (rounding decides on which side).
 fn mine_at_limit(m: Option<Meeting>, ray: &Ray) -> bool {
-    m.is_some_and(|m| same_distance(m.t32(), ray.t_max) || m.t.abs() < 1e-14)
+    let on_it = |m: Meeting| m.t.abs() * f64::from(ray.direction.length()) < 1e-15 * f64::from(ray.origin.length());
+    m.is_some_and(|m| same_distance(m.t32(), ray.t_max) || on_it(m))
 }
 
 /// The ray is within 10⁻⁹ rad of the triangle's plane.
@@ -235,7 +237,7 @@ fn random_rays_agree_with_brute_force_in_every_hit() {
 }
 
 #[test]
-#[ignore = "slow: 60 s"]
+#[ignore = "slow: 45 s"]
 fn ten_million_random_rays_agree_with_brute_force_in_every_hit() {
     let tally = random_rays_agree(670_000);
     assert!(tally.rays >= 10_000_000);
