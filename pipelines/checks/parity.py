@@ -28,7 +28,7 @@ environment.enter()
 
 import numpy  # noqa: E402 (the environment comes first)
 
-from pictures import difference, enlarged, read_exr, tone_mapped, write_png  # noqa: E402
+from pictures import difference, enlarged, interior, read_exr, tone_mapped, write_png  # noqa: E402
 
 # Marks texels that Cycles does not write.
 UNTOUCHED = -1.0
@@ -81,14 +81,6 @@ def bake(baked, pages, samples, seed, threads):
         image.pixels.foreach_get(pixels)
         result.append(pixels.reshape(height, width, 4)[::-1, :, :3].astype(numpy.float64))
     return result
-
-
-def interior(charted):
-    """Texels whose eight neighbours are charted too."""
-    padded = numpy.pad(charted, 1)
-    height, width = charted.shape
-    shifted = [padded[y : y + height, x : x + width] for y in range(3) for x in range(3)]
-    return numpy.logical_and.reduce(shifted)
 
 
 def figures(ours, first, second, mask):

@@ -1,4 +1,4 @@
-"""Small PNG pictures of lightmaps and of their differences, for people to look at."""
+"""Reads lightmap pages, and draws small PNG pictures of them and of their differences for people to look at."""
 
 import numpy
 import OpenImageIO as oiio
@@ -10,6 +10,13 @@ def read_exr(path):
     if not image.initialized or image.has_error:
         raise OSError(f"{path}: {image.geterror()}")
     return image.get_pixels("float")
+
+
+def interior(charted):
+    """Texels whose eight neighbours are charted too: whole squares, all of the same area."""
+    padded = numpy.pad(charted, 1)
+    height, width = charted.shape
+    return numpy.logical_and.reduce([padded[y : y + height, x : x + width] for y in range(3) for x in range(3)])
 
 
 def write_png(path, rgb):
