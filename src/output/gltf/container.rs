@@ -12,6 +12,8 @@
 //!
 //! Source: glTF 2.0, section 4.4 (GLB layout), section 3.6.1.2 (the GLB-stored buffer is the first).
 
+use super::append::Append;
+use crate::base::Warning;
 use crate::output::Error;
 use crate::output::names::beside;
 use crate::output::names::parent;
@@ -22,8 +24,6 @@ use crate::output::splice::Element;
 use crate::output::splice::Fault;
 use crate::output::splice::Splice;
 use crate::output::splice::quoted;
-use super::append::Append;
-use crate::base::Warning;
 use crate::scene::Document;
 use std::path::Path;
 use std::path::PathBuf;

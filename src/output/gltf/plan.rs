@@ -158,7 +158,8 @@ fn baked(
     let unsplit = identity && count == Some(charted.source_vertex.len());
     let keep_uv = unsplit && charted.kept && accessor("TEXCOORD_1").is_some() && in_place(scene, atlas, part);
     let read_by_textures = || {
-        let materials = materials_of(primitive).into_iter().flatten().filter_map(|m| elements.materials.get(m).copied());
+        let materials =
+            materials_of(primitive).into_iter().flatten().filter_map(|m| elements.materials.get(m).copied());
         materials.chain(primitive.get("extensions")).any(|e| reads_uv_set(&e, 1))
     };
     let mut set = 1;
