@@ -1,0 +1,101 @@
+//! Broken and hostile documents: the right class of error, one clear message, no panic, at once.
+
+#[path = "support/hostile.rs"]
+mod hostile;
+
+use std::time::Duration;
+use std::time::Instant;
+use texelwalk::scene;
+
+/// Longest that a refusal may take. The slowest cases parse a few megabytes; a hundred times less is usual.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+#[test]
+fn every_case_is_refused_with_its_class_and_a_clear_message() {
+    let cases = hostile::cases();
+    assert!(cases.len() >= 35);
+    let mut faults = Vec::new();
+    for case in &cases {
+        let folder = tempfile::tempdir().unwrap();
+        for (name, bytes) in &case.files {
+            std::fs::write(folder.path().join(name), bytes).unwrap();
+        }
+        let start = Instant::now();
+        let result =
+            std::panic::catch_unwind(|| scene::load(&folder.path().join(case.main), &scene::Settings::default()));
+        let took = start.elapsed();
+        let error = match result {
+            Err(_) => {
+                faults.push(format!("{}: panicked", case.name));
+                continue;
+            }
+            Ok(Ok(_)) => {
+                faults.push(format!("{}: was loaded", case.name));
+                continue;
+            }
+            Ok(Err(error)) => error,
+        };
+        let expected = match case.class {
+            hostile::Class::Unsupported => scene::Class::Unsupported,
+            hostile::Class::Invalid => scene::Class::Invalid,
+            hostile::Class::Io => scene::Class::Io,
+        };
+        let message = error.to_string();
+        if error.class() != expected {
+            faults.push(format!("{}: {:?} instead of {expected:?}: {message}", case.name, error.class()));
+        }
+        for word in &case.message_contains {
+            if !message.contains(word) {
+                faults.push(format!("{}: `{word}` is missing in: {message}", case.name));
+            }
+        }
+        if message.contains('\n') || message.len() > 500 {
+            faults.push(format!("{}: not one short line: {message}", case.name));
+        }
+        if took > PATIENCE {
+            faults.push(format!("{}: took {took:?}", case.name));
+        }
+    }
+    assert!(faults.is_empty(), "{} of {} cases:\n{}", faults.len(), cases.len(), faults.join("\n"));
+}
+
+#[test]
+fn case_names_are_distinct() {
+    let mut names: Vec<_> = hostile::cases().iter().map(|c| c.name).collect();
+    names.sort_unstable();
+    assert!(names.windows(2).all(|w| w[0] != w[1]));
+}
+
+/// The document that most cases change is fine by itself, so each refusal is due to the change.
+#[test]
+fn the_unchanged_document_loads() {
+    let path = std::path::Path::new("a.gltf");
+    for bytes in [hostile::builder::Builder::triangle().gltf(), hostile::builder::Builder::triangle().glb(&[])] {
+        let loaded = scene::load_bytes(bytes, path, &scene::Settings::default()).unwrap();
+        assert_eq!(loaded.output.triangles, [[0, 1, 2]]);
+        assert_eq!(loaded.warnings, []);
+    }
+}
+
+/// Every prefix and every single changed byte of a small file: whatever comes out, it is no panic.
+#[test]
+fn prefixes_and_flipped_bytes_never_panic() {
+    let path = std::path::Path::new("a.glb");
+    let mut b = hostile::builder::Builder::square(serde_json::json!({
+        "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}, "alphaMode": "BLEND"
+    }));
+    b.texture(2, &[[9, 8, 7, 6]; 4]);
+    let good = b.glb(&[]);
+    let mut loaded = 0;
+    for end in 0..good.len() {
+        assert!(scene::load_bytes(good[..end].to_vec(), path, &scene::Settings::default()).is_err());
+    }
+    for at in 0..good.len() {
+        for flip in [0x01, 0x10, 0xff] {
+            let mut bad = good.clone();
+            bad[at] ^= flip;
+            loaded += usize::from(scene::load_bytes(bad, path, &scene::Settings::default()).is_ok());
+        }
+    }
+    assert!(loaded > 100, "only {loaded} changed files still load: the test no longer reaches the decoder");
+}
