@@ -1,6 +1,7 @@
 //! Builds small glTF documents for tests: JSON by hand, binary data by helper, either container.
 
 #![allow(dead_code, reason = "each test crate uses its own part of this file")]
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should panic")]
 
 use serde_json::Value;
 use serde_json::json;
@@ -26,7 +27,7 @@ impl Builder {
         b
     }
 
-    /// A square in the xy plane from (0,0) to (1,1), TEXCOORD_0 = (x, y), two triangles, material 0, node 0.
+    /// A square in the xy plane from (0,0) to (1,1), `TEXCOORD_0` = (x, y), two triangles, material 0, node 0.
     pub(crate) fn square(material: Value) -> Self {
         let mut b = Self::new();
         let position = b.floats("VEC3", &[0., 0., 0., 1., 0., 0., 1., 1., 0., 0., 1., 0.]);
