@@ -9,6 +9,10 @@
 //! number of a document is checked where it is used: a document can be refused, but it cannot cause a panic, an endless
 //! loop, or memory use beyond a small multiple of what the files really contain (the exceptions are named and capped:
 //! `accessor.rs`, `geometry.rs`, `images.rs`).
+//!
+//! Codes of warnings: `animated-node`, `bad-alpha-mode`, `bad-camera`, `bad-color`, `bad-light`, `bad-normals`,
+//! `bad-sampler`, `bad-texcoord`, `byte-order-mark`, `deforming-mesh`, `factor-out-of-range`, `incomplete-triangle`,
+//! `missing-texcoord`, `no-positions`, `no-triangles`, `not-triangles`, `trailing-bytes`, `unsupported-extension`.
 
 mod accessor;
 mod cameras;

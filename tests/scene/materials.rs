@@ -196,7 +196,7 @@ fn lights_have_the_defaults_of_their_extension() {
     };
     assert_eq!((*position, *intensity), (Vec3::new(0., 1., 9.), Vec3::new(8., 4., 2.)));
     assert_eq!((*range, *radius), (4.0, 0.125));
-    assert!((cos_inner - 0.2f32.cos()).abs() < 1e-6 && (cos_outer - 0.6f32.cos()).abs() < 1e-6);
+    assert!((cos_inner - 0.980_066_6).abs() < 1e-6 && (cos_outer - 0.825_335_6).abs() < 1e-6);
     assert!(matches!(sun, Light::Sun { angle, .. } if *angle == 0.01));
     let suns = load_with(&b, &Settings { sun_angle: Some(0.5), ..NONE }).output.lights;
     assert!([&suns[0], &suns[4]].iter().all(|l| matches!(l, Light::Sun { angle, .. } if *angle == 0.5)));
