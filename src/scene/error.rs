@@ -15,7 +15,7 @@ pub enum Class {
     Io,
 }
 
-/// Failure of [`load`](super::load).
+/// Failure of [`load()`](super::load()).
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// See [`Class::Unsupported`].
@@ -44,7 +44,7 @@ pub enum Error {
     },
 }
 
-/// Longest message [characters]; names in a document may be of any length.
+/// Longest message, in characters; names in a document may be of any length.
 const MAX_MESSAGE: usize = 400;
 
 /// A message without control characters (names of a document may hold line ends and terminal sequences), cut if long.

@@ -38,7 +38,7 @@ pub fn load(path: &Path, settings: &Settings) -> Result<Warned<Scene>, Error> {
 /// The same for a document that is in memory already; `path` is where its relative references start.
 ///
 /// # Errors
-/// As for [`load`].
+/// As for [`load()`].
 pub fn load_bytes(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<Scene>, Error> {
     assemble(bytes, path, settings).map_err(|e| e.in_file(path))
 }

@@ -486,7 +486,7 @@ impl Root {
     }
 }
 
-/// Longest name in a message [characters].
+/// Longest name in a message, in characters.
 const MAX_NAME: usize = 80;
 
 /// `name`, cut if very long, or `kind 7` where it is missing or empty.
