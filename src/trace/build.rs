@@ -34,8 +34,9 @@ const MAX_TRIANGLES: usize = 1 << 28;
 /// triangle test once an origin is far outside of the scene.
 const PAD: f32 = 1.0 / (1u64 << 40) as f32;
 
-/// Eight boxes and what is in them.
+/// Eight boxes and what is in them. Four whole cache lines.
 #[derive(Clone)]
+#[repr(align(64))]
 pub(super) struct Node {
     /// By axis, then smallest and largest coordinate, then four children each. Empty: +∞ and −∞, which no ray meets.
     pub(super) bounds: [[[Vec4; 2]; 2]; 3],
@@ -74,6 +75,7 @@ impl Child {
 
 /// Up to four triangles.
 #[derive(Clone)]
+#[repr(align(64))]
 pub(super) struct Packet {
     /// By corner, then axis, then triangle [m].
     pub(super) corners: [[Vec4; 3]; 3],

@@ -100,16 +100,23 @@ impl Shear {
     /// The decision for triangle `lane` of a packet.
     #[inline]
     pub(super) fn cross(&self, packet: &Packet, lane: usize) -> Option<Crossing> {
-        let corner = |i: usize| self.axes.map(|k| packet.corners[i][k][lane]);
-        self.cross_corners([corner(0), corner(1), corner(2)])
+        let [x, y, z] = self.axes;
+        let [p, q, r] = &packet.corners;
+        self.cross_corners([
+            [p[x][lane], p[y][lane], p[z][lane]],
+            [q[x][lane], q[y][lane], q[z][lane]],
+            [r[x][lane], r[y][lane], r[z][lane]],
+        ])
     }
 
+    #[inline]
     fn cross_corners(&self, corners: [[f32; 3]; 3]) -> Option<Crossing> {
         let [sx, sy, sz] = self.slope;
-        let [a, b, c] = corners.map(|p| {
+        let shear = |p: [f32; 3]| {
             let z = f64::from(p[2]) - self.origin[2];
             [f64::from(p[0]) - self.origin[0] - sx * z, f64::from(p[1]) - self.origin[1] - sy * z, sz * z]
-        });
+        };
+        let (a, b, c) = (shear(corners[0]), shear(corners[1]), shear(corners[2]));
         let u = c[0] * b[1] - c[1] * b[0];
         let v = a[0] * c[1] - a[1] * c[0];
         let w = b[0] * a[1] - b[1] * a[0];
