@@ -367,8 +367,8 @@ mod tests {
     }
 
     #[test]
-    fn nodes_and_packets_have_no_padding() {
-        assert_eq!(size_of::<Node>(), 224);
-        assert_eq!(size_of::<Packet>(), 160);
+    fn nodes_and_packets_are_whole_cache_lines() {
+        assert_eq!((size_of::<Node>(), align_of::<Node>()), (256, 64));
+        assert_eq!((size_of::<Packet>(), align_of::<Packet>()), (192, 64));
     }
 }
