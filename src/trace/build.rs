@@ -77,7 +77,7 @@ impl Child {
 #[derive(Clone)]
 #[repr(align(64))]
 pub(super) struct Packet {
-    /// By corner, then axis, then triangle [m].
+    /// By corner, then axis, then triangle; in metres.
     pub(super) corners: [[Vec4; 3]; 3],
     /// Triangle indices; [`Packet::TRANSPARENT`] is set where the material is not opaque.
     pub(super) triangles: [u32; LANES],
