@@ -7,16 +7,16 @@ use texelwalk::scene::{Alpha, Material, Part, Scene};
 
 /// Vertices and triangles of one part; `uv1` is empty or complete.
 #[derive(Default, Clone)]
-pub struct Mesh {
-    pub positions: Vec<Vec3>,
-    pub normals: Vec<Vec3>,
-    pub uv1: Vec<Vec2>,
-    pub triangles: Vec<[u32; 3]>,
+pub(crate) struct Mesh {
+    pub(crate) positions: Vec<Vec3>,
+    pub(crate) normals: Vec<Vec3>,
+    pub(crate) uv1: Vec<Vec2>,
+    pub(crate) triangles: Vec<[u32; 3]>,
 }
 
 impl Mesh {
     /// A flat quad of steps × steps cells with its own vertices.
-    pub fn quad(&mut self, corners: [Vec3; 4], steps: u32) {
+    pub(crate) fn quad(&mut self, corners: [Vec3; 4], steps: u32) {
         let first = self.positions.len() as u32;
         let normal = (corners[1] - corners[0]).cross(corners[3] - corners[0]).normalize();
         for j in 0..=steps {
@@ -42,7 +42,7 @@ impl Mesh {
     }
 
     /// A box seen from outside.
-    pub fn cuboid(&mut self, low: Vec3, high: Vec3, steps: u32) {
+    pub(crate) fn cuboid(&mut self, low: Vec3, high: Vec3, steps: u32) {
         let p = |x: f32, y: f32, z: f32| low + (high - low) * Vec3::new(x, y, z);
         self.quad([p(0., 0., 0.), p(0., 1., 0.), p(1., 1., 0.), p(1., 0., 0.)], steps);
         self.quad([p(0., 0., 1.), p(1., 0., 1.), p(1., 1., 1.), p(0., 1., 1.)], steps);
@@ -53,7 +53,7 @@ impl Mesh {
     }
 
     /// A surface over a grid in the unit square.
-    pub fn surface(columns: u32, rows: u32, at: impl Fn(f32, f32) -> Vec3) -> Self {
+    pub(crate) fn surface(columns: u32, rows: u32, at: impl Fn(f32, f32) -> Vec3) -> Self {
         let mut mesh = Self::default();
         for j in 0..=rows {
             for i in 0..=columns {
@@ -65,7 +65,7 @@ impl Mesh {
     }
 
     /// Normals averaged over vertices at the same position.
-    pub fn smooth(mut self) -> Self {
+    pub(crate) fn smooth(mut self) -> Self {
         let key = |p: Vec3| p.to_array().map(f32::to_bits);
         let mut sums: HashMap<[u32; 3], Vec3> = HashMap::new();
         for t in &self.triangles {
@@ -80,14 +80,14 @@ impl Mesh {
     }
 
     /// Every position mapped; normals stay.
-    pub fn map(mut self, f: impl Fn(Vec3) -> Vec3) -> Self {
+    pub(crate) fn map(mut self, f: impl Fn(Vec3) -> Vec3) -> Self {
         self.positions.iter_mut().for_each(|p| *p = f(*p));
         self
     }
 }
 
 /// Closed, radii 2 m and 1 m.
-pub fn torus(columns: u32, rows: u32) -> Mesh {
+pub(crate) fn torus(columns: u32, rows: u32) -> Mesh {
     use core::f32::consts::TAU;
     Mesh::surface(columns, rows, |u, v| {
         let (u, v) = (TAU * (u % 1.0), TAU * (v % 1.0));
@@ -96,7 +96,7 @@ pub fn torus(columns: u32, rows: u32) -> Mesh {
 }
 
 /// Closed, radius 1 m, triangles without area at the poles.
-pub fn sphere(columns: u32, rows: u32) -> Mesh {
+pub(crate) fn sphere(columns: u32, rows: u32) -> Mesh {
     use core::f32::consts::{PI, TAU};
     Mesh::surface(columns, rows, |u, v| {
         let (u, r) = (TAU * (u % 1.0), if v == 1.0 { 0.0 } else { (PI * v).sin() });
@@ -105,12 +105,12 @@ pub fn sphere(columns: u32, rows: u32) -> Mesh {
 }
 
 /// Smooth hills, 20 m × 20 m.
-pub fn terrain(steps: u32) -> Mesh {
+pub(crate) fn terrain(steps: u32) -> Mesh {
     Mesh::surface(steps, steps, |u, v| Vec3::new(u * 20.0, v * 20.0, (u * 9.0).sin() * (v * 7.0).cos()))
 }
 
 /// An open tube.
-pub fn cylinder(columns: u32) -> Mesh {
+pub(crate) fn cylinder(columns: u32) -> Mesh {
     Mesh::surface(columns, 1, |u, v| {
         let u = core::f32::consts::TAU * (u % 1.0);
         Vec3::new(u.cos(), u.sin(), v * 2.0)
@@ -118,21 +118,21 @@ pub fn cylinder(columns: u32) -> Mesh {
 }
 
 /// 3 m × 2 m × 1 m.
-pub fn one_box() -> Mesh {
+pub(crate) fn one_box() -> Mesh {
     let mut mesh = Mesh::default();
     mesh.cuboid(Vec3::ZERO, Vec3::new(3.0, 2.0, 1.0), 3);
     mesh
 }
 
 /// In [−0.5, 0.5].
-pub fn noise(i: usize) -> f32 {
+pub(crate) fn noise(i: usize) -> f32 {
     let x = (i as u32).wrapping_mul(0x9e37_79b9);
     let x = (x ^ (x >> 15)).wrapping_mul(0x2c1b_3c6d);
     (x ^ (x >> 12)) as f32 / u32::MAX as f32 - 0.5
 }
 
 /// Moves positions along themselves, those at the same place together.
-pub fn rough(mut mesh: Mesh, height: f32) -> Mesh {
+pub(crate) fn rough(mut mesh: Mesh, height: f32) -> Mesh {
     for p in &mut mesh.positions {
         let bits = p.to_array().map(|x| (x + 0.0).to_bits());
         let seed = bits[0].wrapping_mul(31).wrapping_add(bits[1]).wrapping_mul(31).wrapping_add(bits[2]) as usize;
@@ -142,7 +142,7 @@ pub fn rough(mut mesh: Mesh, height: f32) -> Mesh {
 }
 
 /// A room with boxes and a sphere: charts of many sizes.
-pub fn interior() -> Vec<Mesh> {
+pub(crate) fn interior() -> Vec<Mesh> {
     let mut room = Mesh::default();
     room.cuboid(Vec3::ZERO, Vec3::new(8.0, 6.0, 3.0), 1);
     let mut meshes = vec![room];
@@ -158,7 +158,7 @@ pub fn interior() -> Vec<Mesh> {
 }
 
 /// A quad of 4 m × 2 m with a layout that fills [0.1, 0.9] × [0.1, 0.5].
-pub fn laid_out() -> Mesh {
+pub(crate) fn laid_out() -> Mesh {
     let mut mesh = Mesh::default();
     mesh.quad([Vec3::ZERO, Vec3::X * 4.0, Vec3::new(4.0, 2.0, 0.0), Vec3::Y * 2.0], 4);
     mesh.uv1 = mesh.positions.iter().map(|p| Vec2::new(0.1 + p.x * 0.2, 0.1 + p.y * 0.2)).collect();
@@ -166,7 +166,7 @@ pub fn laid_out() -> Mesh {
 }
 
 /// Faults that real files have.
-pub fn bad_meshes() -> Vec<(&'static str, Mesh)> {
+pub(crate) fn bad_meshes() -> Vec<(&'static str, Mesh)> {
     let scales = {
         let mut mesh = rough(sphere(20, 10), 0.2).map(|p| p * 1e-3);
         mesh.quad([Vec3::ZERO, Vec3::X * 9.0, Vec3::new(9.0, 9.0, 0.0), Vec3::Y * 9.0], 1);
@@ -239,7 +239,7 @@ fn soup() -> Mesh {
 }
 
 /// One part and node per mesh.
-pub fn scene(meshes: &[Mesh]) -> Scene {
+pub(crate) fn scene(meshes: &[Mesh]) -> Scene {
     let mut scene = Scene { materials: vec![material()], ..Scene::default() };
     scene.vertices.uv = vec![Vec::new(), Vec::new()];
     for (node, mesh) in meshes.iter().enumerate() {
