@@ -91,7 +91,7 @@ pub(crate) fn torus(columns: u32, rows: u32) -> Mesh {
     use core::f32::consts::TAU;
     Mesh::surface(columns, rows, |u, v| {
         let (u, v) = (TAU * (u % 1.0), TAU * (v % 1.0));
-        Vec3::new((2.0 + v.cos()) * u.cos(), (2.0 + v.cos()) * u.sin(), v.sin())
+        Vec3::new((2.0 + libm::cosf(v)) * libm::cosf(u), (2.0 + libm::cosf(v)) * libm::sinf(u), libm::sinf(v))
     })
 }
 
@@ -99,21 +99,21 @@ pub(crate) fn torus(columns: u32, rows: u32) -> Mesh {
 pub(crate) fn sphere(columns: u32, rows: u32) -> Mesh {
     use core::f32::consts::{PI, TAU};
     Mesh::surface(columns, rows, |u, v| {
-        let (u, r) = (TAU * (u % 1.0), if v == 1.0 { 0.0 } else { (PI * v).sin() });
-        Vec3::new(r * u.cos(), r * u.sin(), -(PI * v).cos())
+        let (u, r) = (TAU * (u % 1.0), if v == 1.0 { 0.0 } else { libm::sinf(PI * v) });
+        Vec3::new(r * libm::cosf(u), r * libm::sinf(u), -libm::cosf(PI * v))
     })
 }
 
 /// Smooth hills, 20 m × 20 m.
 pub(crate) fn terrain(steps: u32) -> Mesh {
-    Mesh::surface(steps, steps, |u, v| Vec3::new(u * 20.0, v * 20.0, (u * 9.0).sin() * (v * 7.0).cos()))
+    Mesh::surface(steps, steps, |u, v| Vec3::new(u * 20.0, v * 20.0, libm::sinf(u * 9.0) * libm::cosf(v * 7.0)))
 }
 
 /// An open tube.
 pub(crate) fn cylinder(columns: u32) -> Mesh {
     Mesh::surface(columns, 1, |u, v| {
         let u = core::f32::consts::TAU * (u % 1.0);
-        Vec3::new(u.cos(), u.sin(), v * 2.0)
+        Vec3::new(libm::cosf(u), libm::sinf(u), v * 2.0)
     })
 }
 
@@ -197,7 +197,7 @@ fn fan() -> Mesh {
     let mut mesh = Mesh { positions: vec![Vec3::ZERO, Vec3::Z], ..Mesh::default() };
     for i in 0..1000u32 {
         let angle = i as f32 * 0.006;
-        mesh.positions.push(Vec3::new(angle.cos(), angle.sin(), 0.5));
+        mesh.positions.push(Vec3::new(libm::cosf(angle), libm::sinf(angle), 0.5));
         mesh.triangles.push([0, 1, i + 2]);
     }
     mesh.smooth()
