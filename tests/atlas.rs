@@ -361,7 +361,8 @@ fn a_usable_layout_is_kept() {
 
 #[test]
 fn unusable_layouts_are_charted_anew_with_the_reason() {
-    let cases: [(&str, fn(Vec2) -> Vec2); 6] = [
+    type Spoil = fn(Vec2) -> Vec2;
+    let cases: [(&str, Spoil); 6] = [
         ("overlap", |p| Vec2::new((p.x - 0.5).abs(), p.y)),
         ("not finite", |p| Vec2::new(p.x, if p.y > 0.4 { f32::NAN } else { p.y })),
         ("leaves the range", |p| p * 2.0),
