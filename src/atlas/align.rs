@@ -23,7 +23,7 @@ pub(super) struct Piece {
     pub(super) faces: Vec<Face>,
     /// Flat position of each corner [m]; positive areas for charts made here.
     pub(super) corners: Vec<[DVec2; 3]>,
-    /// A kept TEXCOORD_1: not cut, not snapped.
+    /// A kept `TEXCOORD_1`: not cut, not snapped.
     pub(super) kept: bool,
 }
 

@@ -122,7 +122,7 @@ fn run(input: &Input, guard: &Guard) -> Result<Vec<RawChart>, Error> {
     if added.is_err() {
         return Ok(Vec::new());
     }
-    atlas.compute_charts(&ChartOptions { max_iterations: 2, ..ChartOptions::default() });
+    atlas.compute_charts(&ChartOptions::default());
     if stopped.load(Ordering::Relaxed) {
         guard.check()?;
         return Err(Error::Cancelled);

@@ -14,7 +14,7 @@ use glam::DVec3;
 const FACE_COS: f64 = 0.75;
 
 /// Least mean cosine, weighted by area.
-const MEAN_COS: f64 = 0.88;
+pub(super) const MEAN_COS: f64 = 0.88;
 
 /// Largest and smallest density of a face, as a factor of the mean of its chart (per length).
 const MAX_DENSITY_RATIO: f64 = 2.0;
