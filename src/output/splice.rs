@@ -2,7 +2,7 @@
 //!
 //! In: the source text. Out: the text with values replaced, items appended to arrays and members put into objects.
 //! Key order, spelling of numbers (`1.50`, `1e5`), escapes and white space elsewhere stay. No re-serialisation keeps
-//! them: parsers drop the spelling. So serde_json only finds the spans ([`Element`]), and [`Splice`] works on text.
+//! them: parsers drop the spelling. So `serde_json` only finds the spans ([`Element`]), and [`Splice`] works on text.
 //!
 //! What is added takes over the white space before its predecessor in the array or object, so an indented file stays
 //! readable. Of a key that occurs twice the last counts, as for most parsers.

@@ -1,6 +1,6 @@
 //! Meshes with a lightmap: what of a primitive is shared, what is written anew.
 //!
-//! A primitive whose vertices stay as they are keeps its accessors and indices and gains TEXCOORD_n. One whose vertices
+//! A primitive whose vertices stay as they are keeps its accessors and indices and gains `TEXCOORD_n`. One whose vertices
 //! were split gets all attributes and morph targets again, element by element, byte for byte in their component type,
 //! and its triangles as a list. One that lies on several pages becomes one primitive per page, with common attributes.
 //! Everything else of it (extras, extensions, material variants) is carried over.
@@ -148,12 +148,7 @@ impl<'a> Meshes<'a> {
     }
 
     /// The attributes and morph targets of a primitive, shared by its pages.
-    fn vertex_edits<'e>(
-        &mut self,
-        root: &Element<'e>,
-        baked: &Baked,
-        split: usize,
-    ) -> Result<VertexEdits<'e>, Error> {
+    fn vertex_edits<'e>(&mut self, root: &Element<'e>, baked: &Baked, split: usize) -> Result<VertexEdits<'e>, Error> {
         let charted = &self.atlas.parts[baked.part];
         let count = charted.source_vertex.len();
         let mut edits = VertexEdits { replaced: Vec::new(), added: Vec::new() };
@@ -237,8 +232,7 @@ impl<'a> Meshes<'a> {
             chart => self.atlas.charts[chart as usize].page == page,
         };
         let of_page = charted.triangles.iter().zip(&charted.chart).filter(|(_, chart)| home(**chart));
-        let list: Vec<u32> =
-            of_page.flat_map(|(&[a, b, c], _)| if mirrored { [a, c, b] } else { [a, b, c] }).collect();
+        let list: Vec<u32> = of_page.flat_map(|(&[a, b, c], _)| if mirrored { [a, c, b] } else { [a, b, c] }).collect();
         if let Some((_, done)) = self.splits[split].indices.iter().find(|(written, _)| *written == list) {
             return *done;
         }
