@@ -1,7 +1,10 @@
 //! Irradiance per patch → [`Lightmap`]: the pages as they are stored.
 
+mod assemble;
 mod dilate;
+pub mod share;
 
+pub use assemble::assemble;
 pub use dilate::dilate;
 
 /// One page of a lightmap, row-major, row 0 = v 0.

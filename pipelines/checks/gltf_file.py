@@ -1,0 +1,157 @@
+"""Reads glTF and GLB files for the checks: JSON with the spelling of its numbers, chunks, buffers, accessors, images.
+
+Independent of the Rust reader on purpose: a check that shares the reader shares its mistakes. Needs numpy.
+Limits: no Draco and no meshopt compression (a clear error).
+"""
+
+import base64
+import json
+import struct
+import urllib.parse
+from pathlib import Path
+
+import numpy
+
+COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+# Columns of a matrix start at multiples of four bytes: (component size, type) → components per padded column.
+PADDED_COLUMNS = {(1, "MAT2"): (2, 4), (1, "MAT3"): (3, 4), (2, "MAT3"): (3, 4)}
+TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+CHUNK_JSON, CHUNK_BIN = 0x4E4F534A, 0x004E4942
+
+
+class Number(float):
+    """A JSON number that remembers how it was written."""
+
+    def __new__(cls, text):
+        made = super().__new__(cls, text)
+        made.text = text
+        return made
+
+
+class GltfError(Exception):
+    """The file cannot be read; the message says which and why."""
+
+
+def parse(text):
+    return json.loads(text, parse_float=Number, parse_int=Number)
+
+
+def index(number):
+    return int(number)
+
+
+class GltfFile:
+    """A glTF or GLB file with everything that it refers to."""
+
+    def __init__(self, path):
+        self.path = Path(path)
+        data = self.path.read_bytes()
+        self.glb = data[:4] == b"glTF"
+        self.binary, self.extra_chunks = None, []
+        if self.glb:
+            self._read_chunks(data)
+        else:
+            self.text = data.decode("utf-8-sig")
+        self.json = parse(self.text)
+        self.buffers = [self._buffer(i, b) for i, b in enumerate(self.json.get("buffers", []))]
+
+    def _read_chunks(self, data):
+        offset, first = 12, True
+        while offset + 8 <= len(data):
+            length, kind = struct.unpack_from("<II", data, offset)
+            payload = data[offset + 8 : offset + 8 + length]
+            if first and kind == CHUNK_JSON:
+                self.text = payload.decode("utf-8").rstrip(" ")
+            elif kind == CHUNK_BIN and self.binary is None:
+                self.binary = payload
+            else:
+                self.extra_chunks.append((kind, payload))
+            first = False
+            offset += 8 + length
+
+    def resource(self, uri):
+        """Bytes behind a URI."""
+        if uri.startswith("data:"):
+            head, _, body = uri.partition(",")
+            return base64.b64decode(body) if head.endswith(";base64") else urllib.parse.unquote_to_bytes(body)
+        path = self.path.parent / urllib.parse.unquote(uri)
+        if not path.is_file():
+            raise GltfError(f"{self.path}: the file {uri} that it refers to does not exist")
+        return path.read_bytes()
+
+    def _buffer(self, i, buffer):
+        data = self.resource(buffer["uri"]) if "uri" in buffer else self.binary
+        if data is None or len(data) < index(buffer["byteLength"]):
+            raise GltfError(f"{self.path}: buffer {i} is shorter than its byteLength")
+        return data[: index(buffer["byteLength"])]
+
+    def view(self, i):
+        """Bytes of a buffer view."""
+        view = self.json["bufferViews"][i]
+        for name in ("EXT_meshopt_compression", "KHR_meshopt_compression"):
+            if name in view.get("extensions", {}):
+                raise GltfError(f"{self.path}: buffer view {i} uses {name}, which this check cannot decode")
+        start = index(view.get("byteOffset", 0))
+        return self.buffers[index(view["buffer"])][start : start + index(view["byteLength"])]
+
+    def image(self, i):
+        """Encoded bytes of an image."""
+        image = self.json["images"][i]
+        return self.view(index(image["bufferView"])) if "bufferView" in image else self.resource(image["uri"])
+
+    def _elements(self, source, count, component_type, kind):
+        """`count` elements from a buffer view, strides and column padding undone."""
+        dtype = numpy.dtype(TYPES[component_type])
+        width = COMPONENTS[kind]
+        columns = PADDED_COLUMNS.get((dtype.itemsize, kind))
+        stored = columns[1] * (width // columns[0]) if columns else width
+        data = self.view(index(source["bufferView"]))
+        start = index(source.get("byteOffset", 0))
+        stride = index(self.json["bufferViews"][index(source["bufferView"])].get("byteStride", 0)) or stored * dtype.itemsize
+        needed = start + stride * (count - 1) + stored * dtype.itemsize if count else 0
+        if needed > len(data):
+            raise GltfError(f"{self.path}: an accessor reads past the end of its buffer view")
+        raw = numpy.lib.stride_tricks.as_strided(
+            numpy.frombuffer(data, numpy.uint8, offset=min(start, max(len(data) - 1, 0))), (count, stored * dtype.itemsize), (stride, 1)
+        )
+        values = numpy.ascontiguousarray(raw).view(dtype).reshape(count, stored)
+        if columns:
+            values = values.reshape(count, -1, columns[1])[:, :, : columns[0]].reshape(count, width)
+        return values
+
+    def accessor(self, i):
+        """Stored values of an accessor as count × components, sparse substitution applied."""
+        accessor = self.json["accessors"][i]
+        count, component_type = index(accessor["count"]), index(accessor["componentType"])
+        kind = accessor["type"]
+        if "bufferView" in accessor:
+            values = self._elements(accessor, count, component_type, kind).copy()
+        else:
+            values = numpy.zeros((count, COMPONENTS[kind]), TYPES[component_type])
+        if "sparse" in accessor:
+            sparse = accessor["sparse"]
+            n = index(sparse["count"])
+            where = self._elements(sparse["indices"], n, index(sparse["indices"]["componentType"]), "SCALAR")[:, 0]
+            values[where] = self._elements(sparse["values"], n, component_type, kind)
+        return values
+
+    def corners(self, primitive):
+        """Vertex index of every corner of a primitive, triangle strips and fans written out as lists.
+
+        Triangles that repeat an index are left out of strips and fans: there they only join pieces.
+        """
+        mode = index(primitive.get("mode", 4))
+        if "indices" in primitive:
+            order = self.accessor(index(primitive["indices"]))[:, 0].astype(numpy.int64)
+        else:
+            first = next(iter(primitive["attributes"].values()))
+            order = numpy.arange(index(self.json["accessors"][index(first)]["count"]))
+        if mode not in (5, 6):
+            return order
+        i = numpy.arange(max(len(order) - 2, 0))
+        if mode == 5:
+            triangles = numpy.stack([order[i], order[i + 1 + i % 2], order[i + 2 - i % 2]], axis=1)
+        else:
+            triangles = numpy.stack([order[i + 1], order[i + 2], numpy.full_like(i, order[0] if len(order) else 0)], axis=1)
+        distinct = (triangles[:, 0] != triangles[:, 1]) & (triangles[:, 1] != triangles[:, 2]) & (triangles[:, 2] != triangles[:, 0])
+        return triangles[distinct].reshape(-1)

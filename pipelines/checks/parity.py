@@ -1,0 +1,194 @@
+"""Bakes a baked glTF again with Blender's Cycles, on our texture coordinates, and compares texel by texel.
+
+In: a baked glTF or GLB (its EXR pages are found through it), sky radiance. Out: a table on stdout; with `--pictures` a
+folder of PNGs (ours beside Cycles', signed difference) and Cycles' own EXR; exit code 1 above a threshold.
+
+Compared is E/π, Cycles' DIFFUSE pass without colour (direct and indirect). Cycles bakes twice with different seeds: the
+mean of both is the reference, and a quarter of the mean squared difference is the variance of that mean, which is
+subtracted from the mean squared error ("net"; our own noise is not subtracted).
+
+Two sets of texels: *interior*, where the texel and its eight neighbours are all charted, and *all* charted texels. The
+thresholds apply to interior texels: Cycles samples a texel only on the triangle under its centre, so texels that a chart
+border cuts are not the same quantity in the two programs.
+
+(This file is not called cycles.py, because it would hide Blender's own module of that name.)
+"""
+
+import argparse
+import contextlib
+import math
+import os
+import sys
+import time
+from pathlib import Path
+
+import environment
+
+environment.enter()
+
+import numpy  # noqa: E402 (the environment comes first)
+
+from pictures import difference, enlarged, interior, read_exr, tone_mapped, write_png  # noqa: E402
+
+# Marks texels that Cycles does not write.
+UNTOUCHED = -1.0
+# Cycles' own noise may be this many times the allowed net error; more, and the estimate of the latter is worth little.
+NOISE_LIMIT = 3.0
+
+
+@contextlib.contextmanager
+def quiet():
+    """Keeps what Blender prints to stdout, from Python and from C, out of our table."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    with open(os.devnull, "wb") as nothing:
+        os.dup2(nothing.fileno(), 1)
+    try:
+        yield
+    finally:
+        sys.stdout.flush()
+        os.dup2(kept, 1)
+        os.close(kept)
+
+
+def bake(baked, pages, samples, seed, threads):
+    """One bake of all pages; returns their pixels, row 0 on top, UNTOUCHED where Cycles wrote nothing."""
+    import bpy
+
+    scene = bpy.context.scene
+    scene.render.engine = "CYCLES"
+    scene.render.threads_mode, scene.render.threads = "FIXED", threads
+    settings = scene.cycles
+    settings.device, settings.samples, settings.seed = "CPU", samples, seed
+    settings.use_adaptive_sampling = settings.use_denoising = False
+    # No limit that biases: bounces, clamps, filters, and the default that drops dim lights.
+    settings.max_bounces = settings.diffuse_bounces = 128
+    settings.transparent_max_bounces = 256
+    settings.sample_clamp_direct = settings.sample_clamp_indirect = 0.0
+    settings.blur_glossy = settings.light_sampling_threshold = 0.0
+    for _, image in pages:
+        width, height = image.size
+        image.pixels.foreach_set(numpy.full(width * height * 4, UNTOUCHED, numpy.float32))
+    for thing in bpy.data.objects:
+        thing.select_set(thing == baked)
+    bpy.context.view_layer.objects.active = baked
+    baked.data.uv_layers.active = baked.data.uv_layers["UV1"]
+    bpy.ops.object.bake(type="DIFFUSE", pass_filter={"DIRECT", "INDIRECT"}, uv_layer="UV1", margin=0, use_clear=False)
+    result = []
+    for _, image in pages:
+        width, height = image.size
+        pixels = numpy.empty(width * height * 4, numpy.float32)
+        image.pixels.foreach_get(pixels)
+        result.append(pixels.reshape(height, width, 4)[::-1, :, :3].astype(numpy.float64))
+    return result
+
+
+def figures(ours, first, second, mask):
+    """Ratio of means, raw and net NRMSE, Cycles' own noise, and how many texels, over a mask."""
+    reference = (first + second) / 2.0
+    mean = reference[mask].mean()
+    squared = ((ours - reference)[mask] ** 2).mean()
+    noise = ((first - second)[mask] ** 2).mean() / 4.0
+    mean = max(mean, 1e-30)
+    return {
+        "texels": int(mask.sum()),
+        "mean_ratio": ours[mask].mean() / mean,
+        "nrmse_raw": math.sqrt(squared) / mean,
+        "nrmse_net": math.sqrt(max(0.0, squared - noise)) / mean,
+        "cycles_noise": math.sqrt(noise) / mean,
+    }
+
+
+def write_pictures(folder, name, ours, reference, mask):
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    white = float(numpy.percentile(reference[mask], 95)) or 1.0
+    factor = max(1, 768 // ours.shape[1])
+    show = lambda rgb: tone_mapped(numpy.where(mask[..., None], rgb, 0.0), white)  # noqa: E731
+    gap = numpy.ones((ours.shape[0], 2, 3))
+    write_png(folder / f"{name}.ours-cycles.png", enlarged(numpy.concatenate([show(ours), gap, show(reference)], axis=1), factor))
+    scale = 0.2 * float(reference[mask].mean())
+    write_png(folder / f"{name}.difference.png", enlarged(difference(ours, reference, mask, scale), factor))
+    numpy.savez_compressed(folder / f"{name}.npz", ours=ours, cycles=reference, mask=mask)
+
+
+def report(title, rows):
+    print(title)
+    print(f"  {'texels':<10} {'count':>8} {'mean ratio':>11} {'NRMSE raw':>10} {'NRMSE net':>10} {'Cycles noise':>13}")
+    for name, f in rows:
+        print(f"  {name:<10} {f['texels']:>8} {f['mean_ratio']:>11.4f} {f['nrmse_raw']:>10.4f} {f['nrmse_net']:>10.4f} {f['cycles_noise']:>13.4f}")
+
+
+def compare(arguments, baked_path):
+    """Bakes and compares all pages together; returns the faults."""
+    import cycles_scene
+
+    started = time.monotonic()
+    with quiet():
+        baked, pages = cycles_scene.build(baked_path, arguments.sky)
+    for sentence in cycles_scene.odd_lights(cycles_scene.GltfFile(baked_path)):
+        sys.stderr.write(f"warning: {sentence}\n")
+    with quiet():
+        bakes = [bake(baked, pages, arguments.samples, seed, arguments.threads) for seed in (1, 2)]
+    ours, charted = [], []
+    for page, _ in pages:
+        pixels = read_exr(Path(baked_path).parent / page["uri"])
+        ours.append(pixels[..., :3].astype(numpy.float64))
+        charted.append(pixels[..., 3] > 0.5)
+    collected = {"interior": [], "all": []}
+    for k, (page, _) in enumerate(pages):
+        written = (bakes[0][k][..., 0] != UNTOUCHED) & charted[k]
+        collected["interior"].append(interior(charted[k]) & written)
+        collected["all"].append(written)
+        if arguments.pictures:
+            write_pictures(arguments.pictures, Path(page["uri"]).stem, ours[k], (bakes[0][k] + bakes[1][k]) / 2.0, written)
+    flat = lambda arrays: numpy.concatenate([a.reshape(-1, *a.shape[2:]) for a in arrays])  # noqa: E731
+    rows = [(name, figures(flat(ours), flat(bakes[0]), flat(bakes[1]), flat(masks))) for name, masks in collected.items()]
+    report(f"{baked_path}: {len(pages)} page(s), 2 x {arguments.samples} samples, {time.monotonic() - started:.1f} s", rows)
+    return faults(arguments, dict(rows), sum(int(c.sum()) for c in charted))
+
+
+def faults(arguments, rows, charted):
+    found = []
+    judged = rows["interior"]
+    if judged["texels"] < arguments.min_texels:
+        found.append(f"only {judged['texels']} interior texels, fewer than {arguments.min_texels}: nothing to judge")
+    # Cycles writes a texel whose centre lies on a triangle; conservative coverage has more, along chart borders only.
+    if rows["all"]["texels"] < 0.5 * charted:
+        found.append(f"Cycles wrote {rows['all']['texels']} of {charted} charted texels: the texture coordinates do not fit")
+    if abs(judged["mean_ratio"] - 1.0) > arguments.max_mean:
+        found.append(f"mean ratio {judged['mean_ratio']:.4f} is more than {arguments.max_mean} from 1")
+    if not judged["nrmse_net"] <= arguments.max_nrmse:
+        found.append(f"net NRMSE {judged['nrmse_net']:.4f} is above {arguments.max_nrmse}")
+    # A net error is the small difference of two large numbers when the noise is many times the threshold.
+    if judged["cycles_noise"] > NOISE_LIMIT * arguments.max_nrmse:
+        found.append(f"Cycles' own noise {judged['cycles_noise']:.4f} is too high to judge by: raise --samples")
+    return found
+
+
+def triple(text):
+    values = tuple(float(x) for x in text.split(","))
+    if len(values) != 3:
+        raise argparse.ArgumentTypeError(f"'{text}' is not R,G,B")
+    return values
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("baked", help="a glTF or GLB that texelwalk baked")
+    parser.add_argument("--sky", type=triple, default=(0.0, 0.0, 0.0), metavar="R,G,B", help="as given to bake --sky")
+    parser.add_argument("--samples", type=int, default=256, help="samples per texel of each of the two bakes")
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--max-nrmse", type=float, default=0.03)
+    parser.add_argument("--max-mean", type=float, default=0.01)
+    parser.add_argument("--min-texels", type=int, default=100)
+    parser.add_argument("--pictures", metavar="DIR")
+    arguments = parser.parse_args()
+    found = compare(arguments, arguments.baked)
+    for fault in found:
+        sys.stderr.write(f"error: {arguments.baked}: {fault}\n")
+    sys.exit(1 if found else 0)
+
+
+if __name__ == "__main__":
+    main()

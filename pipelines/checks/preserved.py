@@ -1,0 +1,268 @@
+"""Nothing that was in the input glTF is lost: a deep comparison of an input with what was baked from it.
+
+In: INPUT OUTPUT. Out: every difference that a bake may not make, one a line, and exit code 1 if there is one.
+
+A bake may: append array elements; add `MOZ_lightmap` to a material (or to a clone of it) and its name to
+`extensionsUsed`; point a node at a clone of its mesh; split vertices, as long as every corner of every triangle keeps
+every attribute; add or replace the texture coordinates that `MOZ_lightmap` names, unless another texture reads them; add
+TEXCOORD_0 where it is missing; add `_LIGHTMAP`; add `extras.lightmap` to scenes; extend `asset.generator`.
+All else must be equal: keys and their order, numbers as they are spelled, bytes of buffer views and images, GLB chunks.
+A primitive's corners are compared in order, so a reordered triangle is a difference too.
+"""
+
+import argparse
+import sys
+
+import environment
+
+environment.enter()
+
+import numpy  # noqa: E402 (the environment comes first)
+
+from gltf_file import GltfError, GltfFile, Number, index  # noqa: E402
+
+LIGHTMAP = "MOZ_lightmap"
+# Arrays whose elements have rules of their own below.
+SPECIAL = ("asset", "extensionsUsed", "scenes", "nodes", "meshes", "materials", "accessors", "bufferViews", "buffers", "images")
+
+
+class Comparison:
+    """Collects the differences between two files."""
+
+    def __init__(self, before, after):
+        self.before, self.after, self.faults = before, after, []
+
+    def fault(self, path, message):
+        self.faults.append(f"{path}: {message}")
+
+    def equal(self, a, b, path, may_add=(), ignore=(), may_append=False):
+        """Deep equality; `may_add` and `ignore` name keys of the outermost object only."""
+        if isinstance(a, Number) and isinstance(b, Number):
+            if a.text != b.text:
+                self.fault(path, f"number {a.text} became {b.text}")
+        elif isinstance(a, dict) and isinstance(b, dict):
+            self._equal_objects(a, b, path, may_add, ignore)
+        elif isinstance(a, list) and isinstance(b, list):
+            if len(b) < len(a) or (len(b) > len(a) and not may_append):
+                self.fault(path, f"{len(a)} elements became {len(b)}")
+            for i, (x, y) in enumerate(zip(a, b)):
+                self.equal(x, y, f"{path}/{i}")
+        elif type(a) is not type(b) or a != b:
+            self.fault(path, f"{str(a)[:80]!r} became {str(b)[:80]!r}")
+
+    def _equal_objects(self, a, b, path, may_add, ignore):
+        for key in a:
+            if key in ignore:
+                continue
+            if key not in b:
+                self.fault(f"{path}/{key}", "is gone")
+            else:
+                self.equal(a[key], b[key], f"{path}/{key}")
+        for key in b:
+            if key not in a and key not in may_add and key not in ignore:
+                self.fault(f"{path}/{key}", "was added")
+        kept = [k for k in b if k in a]
+        if kept != [k for k in a if k in b]:
+            self.fault(path, "the order of the keys changed")
+
+    def run(self):
+        a, b = self.before.json, self.after.json
+        added = ("extensionsUsed", "meshes", "materials", "textures", "samplers", "images", "accessors", "bufferViews", "buffers")
+        self.equal(a, b, "", may_add=added, ignore=(*SPECIAL, "textures", "samplers"))
+        for key in ("textures", "samplers"):
+            self.equal(a.get(key, []), b.get(key, []), f"/{key}", may_append=True)
+        self.asset()
+        self.extensions_used()
+        self.scenes()
+        self.views_and_accessors()
+        self.images()
+        for i, material in enumerate(a.get("materials", [])):
+            self.material(material, self.element("materials", i), f"/materials/{i}")
+        self.meshes()
+        self.chunks()
+        return self.faults
+
+    def element(self, key, i):
+        """Element of the output, an empty object if it is gone (which then shows as differences)."""
+        array = self.after.json.get(key, [])
+        return array[i] if i < len(array) else {}
+
+    def asset(self):
+        a, b = self.before.json["asset"], self.after.json["asset"]
+        self.equal(a, b, "/asset", may_add=("generator",), ignore=("generator",))
+        if not str(b.get("generator", "")).startswith(str(a.get("generator", ""))):
+            self.fault("/asset/generator", f"no longer starts with {a.get('generator')!r}")
+
+    def extensions_used(self):
+        a, b = self.before.json.get("extensionsUsed", []), self.after.json.get("extensionsUsed", [])
+        if b[: len(a)] != a:
+            self.fault("/extensionsUsed", f"{a} became {b}")
+        if len(set(b)) != len(b):
+            self.fault("/extensionsUsed", f"a name stands twice in {b}")
+
+    def scenes(self):
+        for i, scene in enumerate(self.before.json.get("scenes", [])):
+            path = f"/scenes/{i}"
+            other = self.element("scenes", i)
+            self.equal(scene, other, path, may_add=("extras",), ignore=("extras",))
+            if isinstance(scene.get("extras", {}), dict):
+                self.equal(scene.get("extras", {}), other.get("extras", {}), f"{path}/extras", may_add=("lightmap",), ignore=("lightmap",))
+        if len(self.before.json.get("scenes", [])) != len(self.after.json.get("scenes", [])):
+            self.fault("/scenes", "their number changed")
+
+    def views_and_accessors(self):
+        for i, view in enumerate(self.before.json.get("bufferViews", [])):
+            # Where the bytes lie may change (a GLB grows, buffers are merged); what they are may not.
+            self.equal(view, self.element("bufferViews", i), f"/bufferViews/{i}", ignore=("buffer", "byteOffset"))
+            if i < len(self.after.json.get("bufferViews", [])) and self.before.view(i) != self.after.view(i):
+                self.fault(f"/bufferViews/{i}", "its bytes changed")
+        for i, accessor in enumerate(self.before.json.get("accessors", [])):
+            self.equal(accessor, self.element("accessors", i), f"/accessors/{i}")
+            if i < len(self.after.json.get("accessors", [])) and not same(self.before.accessor(i), self.after.accessor(i)):
+                self.fault(f"/accessors/{i}", "its values changed")
+        for i, buffer in enumerate(self.before.json.get("buffers", [])):
+            self.equal(buffer, self.element("buffers", i), f"/buffers/{i}", may_add=("uri",), ignore=("uri", "byteLength"))
+            if i < len(self.after.buffers) and not self.after.buffers[i].startswith(self.before.buffers[i]):
+                self.fault(f"/buffers/{i}", "does not start with the bytes it had")
+
+    def images(self):
+        for i, image in enumerate(self.before.json.get("images", [])):
+            self.equal(image, self.element("images", i), f"/images/{i}", may_add=("uri",), ignore=("uri",))
+            if i < len(self.after.json.get("images", [])) and self.before.image(i) != self.after.image(i):
+                self.fault(f"/images/{i}", "its bytes changed")
+
+    def material(self, a, b, path):
+        """A material may gain MOZ_lightmap and nothing else."""
+        had = LIGHTMAP in a.get("extensions", {})
+        self.equal(a, b, path, may_add=("extensions",), ignore=("extensions",))
+        ignore = () if had and LIGHTMAP not in b.get("extensions", {}) else (LIGHTMAP,)
+        self.equal(a.get("extensions", {}), b.get("extensions", {}), f"{path}/extensions", may_add=(LIGHTMAP,), ignore=ignore)
+
+    def meshes(self):
+        """Meshes as the nodes see them; meshes that no node shows, by index."""
+        shown = set()
+        if len(self.before.json.get("nodes", [])) != len(self.after.json.get("nodes", [])):
+            self.fault("/nodes", "their number changed")
+        for i, node in enumerate(self.before.json.get("nodes", [])):
+            other = self.element("nodes", i)
+            self.equal(node, other, f"/nodes/{i}", ignore=("mesh",))
+            if ("mesh" in node) != ("mesh" in other):
+                self.fault(f"/nodes/{i}/mesh", "was added or is gone")
+            elif "mesh" in node:
+                shown.add(index(node["mesh"]))
+                self.mesh(index(node["mesh"]), index(other["mesh"]), f"/nodes/{i}/mesh")
+        for i in range(len(self.before.json.get("meshes", []))):
+            if i not in shown:
+                self.mesh(i, i, f"/meshes/{i}")
+
+    def mesh(self, i, j, path):
+        a, b = self.before.json["meshes"][i], self.element("meshes", j)
+        self.equal(a, b, path, ignore=("primitives",))
+        if len(a["primitives"]) != len(b.get("primitives", [])):
+            self.fault(path, "the number of primitives changed")
+            return
+        for k, (x, y) in enumerate(zip(a["primitives"], b["primitives"])):
+            self.primitive(x, y, f"{path}/primitives/{k}")
+
+    def primitive(self, a, b, path):
+        self.equal(a, b, path, may_add=("indices", "material"), ignore=("attributes", "indices", "material", "mode", "targets", "extensions"))
+        self.primitive_extensions(a, b, path)
+        materials = self.before.json.get("materials", [])
+        before = materials[index(a["material"])] if "material" in a else {}
+        after = self.element("materials", index(b["material"])) if "material" in b else {}
+        if "material" in a or "material" in b:
+            ignore_name = {} if "material" in a else {k: v for k, v in after.items() if k == "name"}
+            self.material({**before, **ignore_name}, after, f"{path}/material")
+        self.corner_data(a, b, path, before, after)
+
+    def primitive_extensions(self, a, b, path):
+        """Material variants may point to clones of their materials."""
+        name = "KHR_materials_variants"
+        x, y = a.get("extensions", {}), b.get("extensions", {})
+        self.equal(x, y, f"{path}/extensions", ignore=(name,))
+        if (name in x) != (name in y):
+            self.fault(f"{path}/extensions/{name}", "was added or is gone")
+        elif name in x:
+            self.equal(x[name], y[name], f"{path}/extensions/{name}", ignore=("mappings",))
+            for i, (m, n) in enumerate(zip(x[name]["mappings"], y[name]["mappings"])):
+                at = f"{path}/extensions/{name}/mappings/{i}"
+                self.equal(m, n, at, ignore=("material",))
+                self.material(self.before.json["materials"][index(m["material"])], self.element("materials", index(n["material"])), at)
+
+    def corner_data(self, a, b, path, material_before, material_after):
+        mode_a, mode_b = index(a.get("mode", 4)), index(b.get("mode", 4))
+        if mode_a != mode_b and not (mode_a in (5, 6) and mode_b == 4):
+            self.fault(f"{path}/mode", f"{mode_a} became {mode_b}")
+            return
+        corners_a, corners_b = self.before.corners(a), self.after.corners(b)
+        if len(corners_a) != len(corners_b):
+            self.fault(path, f"{len(corners_a)} corners became {len(corners_b)}")
+            return
+        lightmap = material_after.get("extensions", {}).get(LIGHTMAP)
+        own = f"TEXCOORD_{index(lightmap.get('texCoord', 1))}" if lightmap else None
+        if own and index(lightmap.get("texCoord", 1)) in texture_coordinates(material_before):
+            own = None  # another texture reads this set: it may not change
+        sets = [(a["attributes"], b["attributes"], f"{path}/attributes", {"TEXCOORD_0", own, "_LIGHTMAP"})]
+        for i, target in enumerate(a.get("targets", [])):
+            targets = b.get("targets", [])
+            sets.append((target, targets[i] if i < len(targets) else {}, f"{path}/targets/{i}", set()))
+        for before, after, at, may_add in sets:
+            for name in before:
+                if name == own:
+                    continue
+                if name not in after:
+                    self.fault(f"{at}/{name}", "is gone")
+                elif not self.same_corners(before[name], after[name], corners_a, corners_b):
+                    self.fault(f"{at}/{name}", "a corner of a triangle has another value")
+            for name in after:
+                if name not in before and name not in may_add:
+                    self.fault(f"{at}/{name}", "was added")
+
+    def same_corners(self, i, j, corners_a, corners_b):
+        x, y = self.before.json["accessors"][index(i)], self.after.json["accessors"][index(j)]
+        if any(str(x.get(k, d)) != str(y.get(k, d)) for k, d in (("componentType", 0), ("normalized", False), ("type", ""))):
+            return False
+        return same(self.before.accessor(index(i))[corners_a], self.after.accessor(index(j))[corners_b])
+
+    def chunks(self):
+        if self.before.glb and self.after.glb and self.before.extra_chunks != self.after.extra_chunks:
+            self.fault("GLB", "chunks after the binary chunk changed")
+
+
+def same(a, b):
+    """Equality of stored bits: a NaN equals itself, 0 differs from −0."""
+    return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
+
+
+def texture_coordinates(value):
+    """Every texture coordinate set that a material reads, other than through MOZ_lightmap."""
+    found = set()
+    if isinstance(value, dict):
+        if "index" in value:
+            found.add(index(value.get("extensions", {}).get("KHR_texture_transform", {}).get("texCoord", value.get("texCoord", 0))))
+        for key, inner in value.items():
+            if key != LIGHTMAP:
+                found |= texture_coordinates(inner)
+    return found
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("input")
+    parser.add_argument("output")
+    arguments = parser.parse_args()
+    try:
+        with numpy.errstate(all="ignore"):
+            faults = Comparison(GltfFile(arguments.input), GltfFile(arguments.output)).run()
+    except (GltfError, OSError) as error:
+        environment.fail(str(error))
+    for fault in faults:
+        print(fault)
+    if faults:
+        sys.stderr.write(f"error: {len(faults)} thing(s) of {arguments.input} are not in {arguments.output} as they were\n")
+        sys.exit(1)
+    print(f"ok: everything in {arguments.input} is still in {arguments.output}")
+
+
+if __name__ == "__main__":
+    main()
