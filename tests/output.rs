@@ -141,7 +141,7 @@ fn everything_input(glb: bool) -> Input {
 
 /// Nothing split; primitive 1 of mesh 1 (unlit) receives nothing; node 2 lies on page 1.
 fn everything_atlas(input: &mut Input) -> Atlas {
-    input.scene.parts[1].mirrored = true;
+    assert!(input.scene.parts[1].mirrored);
     input.scene.parts[3].receives = false;
     let parts = vec![
         unsplit(4, &QUAD, 0),
@@ -392,18 +392,16 @@ fn with_uv1(occlusion: bool, receives_elsewhere: bool) -> Input {
         "materials": [material], "textures": [{"source": 0}], "images": [{"uri": "t%20ex.png"}],
         "buffers": [{"uri": "data.bin", "byteLength": b.bin.len()}], "bufferViews": b.views, "accessors": b.accessors
     });
-    let mut input = input(&document.to_string(), &b.bin, false, &[(0, 0, 0)]);
-    input.scene.parts[0].has_uv1 = true;
-    input.scene.parts[0].vertices = 0..4;
-    let own = [[0.25, 0.25], [0.75, 0.25], [0.75, 0.75], [0.25, 0.75]].map(Vec2::from_array).to_vec();
-    input.scene.vertices.uv = vec![vec![Vec2::ZERO; 4], own];
+    let parts: Vec<_> = roots.iter().map(|&node| (node, 0, 0)).collect();
+    let mut input = input(&document.to_string(), &b.bin, false, &parts);
+    input.scene.parts.truncate(1);
     input
 }
 
 fn kept_atlas(input: &Input, scale: f32) -> Atlas {
     let mut atlas = atlas(&[0], vec![unsplit(4, &QUAD, 0)]);
     atlas.parts[0].kept = true;
-    atlas.parts[0].uv = input.scene.vertices.uv[1].iter().map(|uv| *uv * Vec2::new(64.0, 32.0) * scale).collect();
+    atlas.parts[0].uv = input.scene.vertices.uv[1][..4].iter().map(|uv| *uv * Vec2::new(64.0, 32.0) * scale).collect();
     atlas
 }
 

@@ -151,7 +151,8 @@ fn read(input: &Input, mesh: &xatlas_rs_v2::Mesh) -> Vec<RawChart> {
     }
     let corner = |c: usize| {
         let vertex = mesh.vertex_array.get(mesh.index_array[c] as usize)?;
-        let charted = vertex.atlas_index >= 0 && vertex.xref == input.indices[c] && vertex.uv.iter().all(|x| x.is_finite());
+        let charted =
+            vertex.atlas_index >= 0 && vertex.xref == input.indices[c] && vertex.uv.iter().all(|x| x.is_finite());
         charted.then(|| DVec2::new(f64::from(vertex.uv[0]), f64::from(vertex.uv[1])))
     };
     let face = |f: u32| {

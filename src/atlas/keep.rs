@@ -51,8 +51,7 @@ pub(super) struct Kept {
 
 /// Blocks of all usable TEXCOORD_1.
 pub(super) fn kept_blocks(scene: &Scene, settings: &Settings, guard: &Guard) -> Result<Kept, Error> {
-    let mut kept =
-        Kept { pieces: Vec::new(), part_is_kept: vec![false; scene.parts.len()], warnings: Vec::new() };
+    let mut kept = Kept { pieces: Vec::new(), part_is_kept: vec![false; scene.parts.len()], warnings: Vec::new() };
     if settings.uv == Uv::Generate {
         return Ok(kept);
     }

@@ -24,8 +24,8 @@ mod guard;
 mod keep;
 mod merge;
 mod overlap;
-pub mod raster;
 mod pack;
+pub mod raster;
 mod region;
 mod shape;
 mod weld;
@@ -213,7 +213,9 @@ pub fn build(scene: &Scene, settings: &Settings) -> Result<Warned<Atlas>, Error>
 fn check(settings: &Settings) -> Result<(), Error> {
     let density = settings.texels_per_meter;
     if !(density.is_finite() && density > 0.0) {
-        return Err(Error::Setting(format!("the density must be a positive number of texels per metre, not {density}")));
+        return Err(Error::Setting(format!(
+            "the density must be a positive number of texels per metre, not {density}"
+        )));
     }
     if !(16..=MAX_PAGE_SIZE).contains(&settings.page_size) {
         let side = settings.page_size;

@@ -23,6 +23,9 @@ fn fault<T>(message: impl Into<String>) -> Result<T, Fault> {
     Err(Fault(message.into()))
 }
 
+/// Largest integer that a double holds exactly.
+const MAX_INDEX: f64 = 9_007_199_254_740_991.0;
+
 /// One value in a JSON text.
 #[derive(Debug, Clone, Copy)]
 pub struct Element<'a> {
@@ -97,10 +100,11 @@ impl<'a> Element<'a> {
         self.get(key).map(|e| e.items()).unwrap_or_default()
     }
 
-    /// A number that is an index or a count.
+    /// A number that is an index or a count; it may be spelled with a zero fraction (glTF 2.0, section 2.7).
     #[must_use]
     pub fn index(&self) -> Option<usize> {
-        serde_json::from_str(self.text).ok()
+        let number: f64 = serde_json::from_str(self.text).ok()?;
+        (number >= 0.0 && number <= MAX_INDEX && number.fract() == 0.0).then_some(number as usize)
     }
 
     /// The index at `key`.
@@ -356,6 +360,8 @@ mod tests {
         assert_eq!(root.get("b\"\\").unwrap().text(), "1e5");
         assert_eq!(at(&root, &["deep", "x"]).items()[2].text(), "{ }");
         assert_eq!(at(&root, &["deep", "s"]).string().unwrap(), "😀 ü / ]}");
+        let numbers = ["3", "3.0", "3e0", "3.5", "-1", "\"3\"", "1e300"].map(|t| Element::root(t).unwrap().index());
+        assert_eq!(numbers, [Some(3), Some(3), Some(3), None, None, None, None]);
         assert!(root.get("missing").is_none() && root.get("none").unwrap().items().is_empty());
         for (_, e) in root.members() {
             assert_eq!(&NASTY[e.start..e.end()], e.text());

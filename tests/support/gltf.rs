@@ -6,8 +6,6 @@ use std::path::Path;
 use std::path::PathBuf;
 use texelwalk::atlas::Atlas;
 use texelwalk::atlas::ChartedPart;
-use texelwalk::scene::Document;
-use texelwalk::scene::Part;
 use texelwalk::scene::Scene;
 
 /// Collects accessors with their bytes in one buffer.
@@ -68,47 +66,40 @@ pub(crate) struct Input {
     pub(crate) scene: Scene,
 }
 
-/// Writes `json` (its buffer 0 is `bin`) to disk and makes a scene of the parts (node, mesh, primitive).
+/// Writes `json` (its buffer 0 is `bin`) to disk and loads it. Its parts are (node, mesh, primitive); all of them receive
+/// light, also those that a bake would leave out.
 pub(crate) fn input(json: &str, bin: &[u8], glb: bool, parts: &[(usize, usize, usize)]) -> Input {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(if glb { "in put.glb" } else { "in put.gltf" });
     std::fs::write(folder.path().join("data.bin"), bin).unwrap();
     std::fs::write(folder.path().join("t ex.png"), PNG).unwrap();
-    let document = Document {
-        path,
-        glb,
-        json: json.to_owned(),
-        bin: glb.then(|| padded(bin)),
-        buffers: vec![bin.to_vec()],
-        ..Document::default()
-    };
-    let part = |&(node, mesh, primitive): &(usize, usize, usize)| Part {
-        node,
-        mesh,
-        primitive,
-        name: format!("node {node}"),
-        vertices: 0..0,
-        triangles: 0..0,
-        material: 0,
-        mirrored: false,
-        flat: false,
-        has_uv1: false,
-        receives: true,
-    };
-    Input { folder, scene: Scene { document, parts: parts.iter().map(part).collect(), ..Scene::default() } }
+    std::fs::write(&path, if glb { glb_bytes(json, bin) } else { json.as_bytes().to_vec() }).unwrap();
+    let mut scene = texelwalk::scene::load(&path, &texelwalk::scene::Settings::default()).unwrap().output;
+    let loaded: Vec<_> = scene.parts.iter().map(|p| (p.node, p.mesh, p.primitive)).collect();
+    assert_eq!(loaded, parts);
+    scene.parts.iter_mut().for_each(|p| p.receives = true);
+    Input { folder, scene }
 }
 
-fn padded(bin: &[u8]) -> Vec<u8> {
-    let mut bin = bin.to_vec();
-    bin.resize(bin.len().next_multiple_of(4), 0);
-    bin
+fn glb_bytes(json: &str, bin: &[u8]) -> Vec<u8> {
+    let mut out = b"glTF\x02\0\0\0\0\0\0\0".to_vec();
+    for (kind, data, padding) in [(b"JSON", json.as_bytes(), b' '), (b"BIN\0", bin, 0)] {
+        let length = data.len().next_multiple_of(4);
+        out.extend_from_slice(&(length as u32).to_le_bytes());
+        out.extend_from_slice(kind);
+        out.extend_from_slice(data);
+        out.resize(out.len().next_multiple_of(4), padding);
+    }
+    let length = out.len() as u32;
+    out[8..12].copy_from_slice(&length.to_le_bytes());
+    out
 }
 
 /// A 1 × 1 white PNG.
 pub(crate) const PNG: &[u8] = &[
-    0x89, 0x50, 0x4e, 0x47, 0x0d, 0x0a, 0x1a, 0x0a, 0, 0, 0, 0x0d, 0x49, 0x48, 0x44, 0x52, 0, 0, 0, 1, 0, 0, 0, 1, 8,
-    0, 0, 0, 0, 0x3a, 0x7e, 0x9b, 0x55, 0, 0, 0, 0x0a, 0x49, 0x44, 0x41, 0x54, 0x78, 0x9c, 0x63, 0xf8, 0x0f, 0, 1, 1,
-    1, 0, 0x1b, 0xb6, 0xee, 0x56, 0, 0, 0, 0, 0x49, 0x45, 0x4e, 0x44, 0xae, 0x42, 0x60, 0x82,
+    137, 80, 78, 71, 13, 10, 26, 10, 0, 0, 0, 13, 73, 72, 68, 82, 0, 0, 0, 1, 0, 0, 0, 1, 8, 0, 0, 0, 0, 58, 126, 155,
+    85, 0, 0, 0, 10, 73, 68, 65, 84, 120, 218, 99, 248, 15, 0, 1, 1, 1, 0, 28, 176, 140, 153, 0, 0, 0, 0, 73, 69, 78,
+    68, 174, 66, 96, 130,
 ];
 
 /// Parts without splits: `vertices` source vertices, `triangles` on one chart each of the list.

@@ -19,7 +19,6 @@ mod container;
 mod material;
 mod mesh;
 mod plan;
-mod reader;
 
 use super::Error;
 use super::names::PageFiles;
