@@ -104,7 +104,7 @@ impl<'a> Element<'a> {
     #[must_use]
     pub fn index(&self) -> Option<usize> {
         let number: f64 = serde_json::from_str(self.text).ok()?;
-        (number >= 0.0 && number <= MAX_INDEX && number.fract() == 0.0).then_some(number as usize)
+        ((0.0..=MAX_INDEX).contains(&number) && number.fract() == 0.0).then_some(number as usize)
     }
 
     /// The index at `key`.
