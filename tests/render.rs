@@ -204,13 +204,13 @@ fn a_document_on_disk_with_its_pages() {
         ] {
             let settings = Settings { width: 480, height: 270, samples: 4, exposure: None, view, overlay };
             let picture = render(&baked, &lightmaps, &settings).unwrap();
-            let lit = picture.pixels.iter().filter(|p| p[0] > 0.06).count();
-            assert!(lit * 2 > picture.pixels.len(), "{name}, {suffix}: most of the picture is dark");
             if let Some(keep) = std::env::var_os("TEXELWALK_TEST_OUTPUT") {
                 let file = std::path::Path::new(&keep).join(format!("{}-{suffix}.png", name.replace('/', "-")));
                 let png = output::png::picture(&file, [picture.width, picture.height], &picture.pixels).unwrap();
                 std::fs::write(file, png).unwrap();
             }
+            let lit = picture.pixels.iter().filter(|p| p[0].max(p[1]).max(p[2]) > 0.06).count();
+            assert!(lit * 5 > picture.pixels.len(), "{name}, {suffix}: too little is to be seen");
         }
         std::fs::remove_file(&files[0].exr).unwrap();
         assert!(Lightmaps::load(&baked.document).unwrap_err().to_string().contains("lightmap0.exr"));

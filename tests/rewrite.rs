@@ -30,7 +30,8 @@ fn load(path: &Path) -> Scene {
 fn triangles(scene: &Scene, uv: impl Fn(usize, usize, usize) -> Option<[f32; 2]>) -> Vec<(usize, String)> {
     let mut all = Vec::new();
     for (p, part) in scene.parts.iter().enumerate() {
-        for t in part.triangles.clone() {
+        // A triangle without area has no chart; where its corners lie on the lightmap does not matter.
+        for t in part.triangles.clone().filter(|&t| scene.area(t) > 0.0) {
             let corners = scene.corners(t);
             let mut corners: Vec<String> = (0..3)
                 .map(|k| format!("{:?} {:?}", corners[k].to_array(), uv(p, t as usize, k).filter(|_| part.receives)))
