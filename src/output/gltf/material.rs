@@ -15,7 +15,7 @@ use std::collections::BTreeSet;
 pub(super) struct Use {
     /// Page of the lightmap.
     pub(super) page: u32,
-    /// n of the TEXCOORD_n that it is on.
+    /// n of the `TEXCOORD_n` that it is on.
     pub(super) set: usize,
 }
 
@@ -96,7 +96,7 @@ fn with_lightmap(material: &str, texture: usize, set: usize, quantity: Quantity)
     splice.apply()
 }
 
-/// Anything below `element` but an old lightmap reads TEXCOORD_`set`: a member `texCoord` has that value.
+/// Anything below `element` but an old lightmap reads texture coordinate set `set`: a member `texCoord` has that value.
 pub(super) fn reads_uv_set(element: &Element<'_>, set: usize) -> bool {
     let member = |(key, value): &(String, Element<'_>)| {
         key != "MOZ_lightmap" && (key == "texCoord" && value.index() == Some(set) || reads_uv_set(value, set))
