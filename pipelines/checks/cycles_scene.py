@@ -18,6 +18,7 @@ import math
 import os
 import struct
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
@@ -27,6 +28,7 @@ from gltf_file import GltfFile, index
 
 LIGHTS = "KHR_lights_punctual"
 MARK = "texelwalk material "
+LIGHTMAP_UV = "lightmap"
 WRAP = {33071: "EXTEND", 33648: "MIRROR", 10497: "REPEAT"}
 
 
@@ -86,6 +88,16 @@ def prepared_copy(gltf, folder):
         body += struct.pack("<II", len(binary), 0x004E4942) + binary
     path.write_bytes(b"glTF" + struct.pack("<II", 2, 12 + len(body)) + body)
     return path
+
+
+@dataclass
+class Built:
+    """The scene in Blender: the object, (page, image) pairs, and per triangle its page index or −1 and its sidedness."""
+
+    object: object
+    pages: list
+    triangle_page: object
+    double_sided: object
 
 
 class Materials:
@@ -177,6 +189,13 @@ class Materials:
                 tree.links.new(value, socket)
         return node.outputs[0]
 
+    def lightmap(self, i):
+        """MOZ_lightmap of glTF material `i`, or None."""
+        return self.gltf.json["materials"][i].get("extensions", {}).get("MOZ_lightmap") if i is not None else None
+
+    def double_sided(self, i):
+        return i is not None and bool(self.gltf.json["materials"][i].get("doubleSided", False))
+
     def build(self, i, has_color):
         """The material for glTF material `i` (None = the default material)."""
         source = self.gltf.json["materials"][i] if i is not None else {}
@@ -185,7 +204,7 @@ class Materials:
         material.use_nodes = True
         tree = material.node_tree
         tree.nodes.clear()
-        sided = bool(source.get("doubleSided", False))
+        sided = self.double_sided(i)
         front = None
         if not sided:
             geometry = tree.nodes.new("ShaderNodeNewGeometry")
@@ -205,7 +224,7 @@ class Materials:
         shader = self.with_alpha(tree, source, shader, alpha)
         output = tree.nodes.new("ShaderNodeOutputMaterial")
         tree.links.new(shader, output.inputs["Surface"])
-        self.add_page(tree, extensions)
+        self.add_page(tree, self.lightmap(i))
         return material
 
     def reflectance(self, tree, source, has_color):
@@ -259,9 +278,8 @@ class Materials:
         tree.links.new(shader, mix.inputs[2])
         return mix.outputs[0]
 
-    def add_page(self, tree, extensions):
+    def add_page(self, tree, lightmap):
         """The active image node decides which image Cycles bakes this material into."""
-        lightmap = extensions.get("MOZ_lightmap")
         image = self.page_images[index(lightmap["index"])] if lightmap else self.page_images[None]
         node = tree.nodes.new("ShaderNodeTexImage")
         node.image = image
@@ -295,7 +313,24 @@ def join_all(materials):
         raise ValueError("Blender imported no triangles")
     for thing in [o for o in bpy.data.objects if o.type == "MESH"]:
         bpy.data.objects.remove(thing, do_unlink=True)
-    return assemble(parts, slots)
+    sources = [source for source, _ in sorted(slot_of, key=slot_of.get)]
+    for part in parts:
+        part["lightmap_uv"] = lightmap_coordinates(part, [materials.lightmap(s) for s in sources])
+    return assemble(parts, slots), sources
+
+
+def lightmap_coordinates(part, lightmaps):
+    """Per corner, the coordinates that MOZ_lightmap of the corner's material names."""
+    result = numpy.zeros((len(part["corner_vertex"]), 2), numpy.float32)
+    for slot in numpy.unique(part["slot"]):
+        lightmap = lightmaps[slot]
+        uv_set = index(lightmap.get("texCoord", 0)) if lightmap else None
+        if uv_set is not None:
+            if uv_set >= len(part["uvs"]):
+                raise ValueError(f"a primitive with a lightmap has no TEXCOORD_{uv_set}")
+            here = numpy.repeat(part["slot"] == slot, 3)
+            result[here] = part["uvs"][uv_set][here]
+    return result
 
 
 def mesh_arrays(mesh, world):
@@ -369,6 +404,8 @@ def assemble(parts, slots):
         layer = mesh.uv_layers.new(name=f"UV{k}", do_init=False)
         uv = [p["uvs"][k] if k < len(p["uvs"]) else numpy.zeros((len(p["corner_vertex"]), 2), numpy.float32) for p in parts]
         layer.uv.foreach_set("vector", numpy.concatenate(uv).ravel())
+    layer = mesh.uv_layers.new(name=LIGHTMAP_UV, do_init=False)
+    layer.uv.foreach_set("vector", numpy.concatenate([p["lightmap_uv"] for p in parts]).ravel())
     if any(p["has_color"] for p in parts):
         attribute = mesh.color_attributes.new("Color", "FLOAT_COLOR", "CORNER")
         attribute.data.foreach_set("color", numpy.concatenate([p["colors"] for p in parts]).ravel())
@@ -383,7 +420,7 @@ def assemble(parts, slots):
 
 
 def build(gltf_path, sky):
-    """Loads everything; returns (object, list of (page, image))."""
+    """Loads everything into a fresh Blender scene."""
     gltf = GltfFile(gltf_path)
     pages = lightmap_pages(gltf)
     bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -397,7 +434,8 @@ def build(gltf_path, sky):
             result.append((page, image))
         # Surfaces without a lightmap need a target too; nobody looks at it.
         images[None] = bpy.data.images.new("nowhere", 4, 4, float_buffer=True, is_data=True)
-        baked = join_all(Materials(gltf, folder, images))
+        materials = Materials(gltf, folder, images)
+        baked, sources = join_all(materials)
         for image in bpy.data.images:
             if image.source == "FILE":
                 image.pack()
@@ -410,4 +448,14 @@ def build(gltf_path, sky):
     world.use_nodes = True
     world.node_tree.nodes["Background"].inputs["Color"].default_value = (*sky, 1.0)
     world.node_tree.nodes["Background"].inputs["Strength"].default_value = 1.0
-    return baked, result
+    return Built(baked, result, *per_triangle(baked.data, materials, sources, pages))
+
+
+def per_triangle(mesh, materials, sources, pages):
+    """Page index (or −1) of every triangle, and whether its back is a surface."""
+    slots = numpy.empty(len(mesh.polygons), numpy.int32)
+    mesh.polygons.foreach_get("material_index", slots)
+    number = {index(page["texture"]): k for k, page in enumerate(pages)}
+    lightmaps = [materials.lightmap(s) for s in sources]
+    page_of = numpy.array([number[index(m["index"])] if m else -1 for m in lightmaps])
+    return page_of[slots], numpy.array([materials.double_sided(s) for s in sources])[slots]
