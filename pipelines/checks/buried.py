@@ -9,6 +9,7 @@ ray along its normal first meets the back of a single-sided surface.
 Source of the test: it is what lightmap bakers call texel validity; the implementation is ours. Limits: alpha is ignored.
 """
 
+import bpy  # noqa: F401 (makes mathutils importable)
 import numpy
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
