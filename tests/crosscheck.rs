@@ -14,7 +14,7 @@ use std::path::Path;
 use std::sync::OnceLock;
 
 /// Texels of a parity bake: enough to average Cycles' noise away, few enough for a minute of Cycles on two cores.
-const PARITY_TEXELS: f64 = 12_000.0;
+const PARITY_TEXELS: f64 = 24_000.0;
 
 /// Every fixture, baked once for all tests of this file.
 fn bakes() -> &'static [Bake] {

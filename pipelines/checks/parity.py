@@ -28,6 +28,7 @@ environment.enter()
 
 import numpy  # noqa: E402 (the environment comes first)
 
+from gltf_file import GltfError  # noqa: E402
 from pictures import difference, enlarged, interior, read_exr, tone_mapped, write_png  # noqa: E402
 
 # Marks texels that Cycles does not write.
@@ -193,7 +194,10 @@ def main():
     parser.add_argument("--min-texels", type=int, default=100)
     parser.add_argument("--pictures", metavar="DIR")
     arguments = parser.parse_args()
-    found = compare(arguments, arguments.baked)
+    try:
+        found = compare(arguments, arguments.baked)
+    except (GltfError, ValueError, OSError) as error:
+        environment.fail(str(error))
     for fault in found:
         sys.stderr.write(f"error: {arguments.baked}: {fault}\n")
     sys.exit(1 if found else 0)
