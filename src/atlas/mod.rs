@@ -1,11 +1,51 @@
 //! [`Scene`] → [`Atlas`]: charts, pages, conservative texel coverage. xatlas lives only here.
 //!
 //! Lightmap coordinates are kept in texels: x right, y down, texel (0, 0) covers [0, 1)². UV = texels / page size.
+//!
+//! Steps: weld the triangles of each part by position (`weld`), take planar pieces and smooth components (`region`),
+//! flatten them by projection or by xatlas (`flatten`, `chart`), turn each chart to the texel rows (`align`), or keep the
+//! part's own TEXCOORD_1 (`keep`); scale to the density and rasterise (`shape`), pack (`pack`, `arrange`), and give every
+//! triangle corner its output vertex (`assemble`).
+//!
+//! Invariants:
+//! * every triangle with an area in a part that receives light has a chart;
+//! * no texel is touched by two charts, and charts that were made here are at least `padding` empty texels apart;
+//! * vertices lie on a grid of 2⁻ⁿ texels, and charts move by whole texels only, so that coordinates are exact in `f32`
+//!   and a chart covers the same texels wherever it is packed;
+//! * the result does not depend on the number of threads.
 
+mod align;
+mod arrange;
+mod assemble;
+mod chart;
+mod connect;
+mod flatten;
+mod guard;
+mod keep;
+mod merge;
+mod overlap;
+pub mod raster;
+mod pack;
+mod region;
+mod shape;
+mod weld;
+
+use crate::base::Warned;
+use crate::base::Warning;
+use crate::base::parallel;
+use crate::scene::Part;
+use crate::scene::Scene;
+use core::time::Duration;
 use glam::Vec2;
+use guard::Guard;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 /// No chart: the triangle has no area, or its part receives no light.
 pub const NO_CHART: u32 = u32::MAX;
+
+/// Largest page side [texels]: vertex coordinates need some of the 24 bits of an `f32` for fractions of a texel.
+pub const MAX_PAGE_SIZE: u32 = 16384;
 
 /// Where every triangle lies on the lightmap pages.
 #[derive(Debug, Default)]
@@ -20,6 +60,17 @@ pub struct Atlas {
     pub charts: Vec<Chart>,
     /// One entry per `Scene::parts`, in the same order.
     pub parts: Vec<ChartedPart>,
+    /// Texels of all pages that a chart touches.
+    pub covered_texels: u64,
+}
+
+impl Atlas {
+    /// Share of all page texels that charts touch, in [0, 1]; 0 without pages.
+    #[must_use]
+    pub fn utilization(&self) -> f64 {
+        let texels = u64::from(self.page_size[0]) * u64::from(self.page_size[1]) * u64::from(self.pages);
+        if texels == 0 { 0.0 } else { self.covered_texels as f64 / texels as f64 }
+    }
 }
 
 /// A connected piece of surface that is flat on a page.
@@ -44,4 +95,144 @@ pub struct ChartedPart {
     pub chart: Vec<u32>,
     /// The part's own TEXCOORD_1 was kept: output vertices equal source vertices.
     pub kept: bool,
+}
+
+/// What happens to a TEXCOORD_1 of the document.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Uv {
+    /// Keep it where it is a usable lightmap layout, otherwise chart anew and warn.
+    #[default]
+    Auto,
+    /// Keep it; an unusable one is an error. Primitives without one are charted.
+    Keep,
+    /// Chart everything anew.
+    Generate,
+}
+
+/// How to lay out the lightmap.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// Wanted density in world space [texels/m], finite and > 0.
+    pub texels_per_meter: f32,
+    /// Largest width and height of a page [texels], 16 to [`MAX_PAGE_SIZE`].
+    pub page_size: u32,
+    /// Lower the density until this many pages suffice; `None` = as many as needed.
+    pub max_pages: Option<u32>,
+    /// Empty texels between charts.
+    pub padding: u32,
+    /// Use of TEXCOORD_1.
+    pub uv: Uv,
+    /// Give up after this time.
+    pub time_limit: Option<Duration>,
+    /// Give up when it becomes true.
+    pub cancel: Option<Arc<AtomicBool>>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            texels_per_meter: 16.0,
+            page_size: 4096,
+            max_pages: None,
+            padding: 2,
+            uv: Uv::Auto,
+            time_limit: None,
+            cancel: None,
+        }
+    }
+}
+
+/// Why there is no atlas.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// `Settings::cancel` became true.
+    #[error("charting was cancelled")]
+    Cancelled,
+    /// `Settings::time_limit` was exceeded.
+    #[error("charting took longer than the time limit of {0:?}; raise the limit or lower the density")]
+    TimeLimit(Duration),
+    /// Not even at a thousandth of the density.
+    #[error(
+        "{charts} charts with {padding} texels of padding do not fit on {pages} pages of {side}² texels at any density; \
+         allow more or larger pages, or less padding"
+    )]
+    DoesNotFit {
+        /// Number of charts.
+        charts: usize,
+        /// Padding [texels].
+        padding: u32,
+        /// Pages that were allowed.
+        pages: u32,
+        /// Page side [texels].
+        side: u32,
+    },
+    /// TEXCOORD_1 is to be kept but cannot be.
+    #[error("{node}: TEXCOORD_1 cannot be kept as a lightmap layout: {reason}; repair it, or use --uv auto")]
+    UnusableUv {
+        /// Name of the node.
+        node: String,
+        /// What is wrong with it.
+        reason: String,
+    },
+    /// A setting is out of range.
+    #[error("{0}")]
+    Setting(String),
+}
+
+/// Charts the parts of a scene that receive light and packs the charts into pages.
+///
+/// Warnings: `density-lowered` (all charts, to fit `max_pages`), `chart-density-lowered` (a chart larger than a page),
+/// `uv-regenerated` (a TEXCOORD_1 that is no usable lightmap layout).
+///
+/// # Errors
+/// [`Error`]: cancelled, out of time, no density fits, a TEXCOORD_1 that cannot be kept, a setting out of range.
+pub fn build(scene: &Scene, settings: &Settings) -> Result<Warned<Atlas>, Error> {
+    check(settings)?;
+    let guard = Guard::new(settings.time_limit, settings.cancel.clone());
+    let kept = keep::kept_blocks(scene, settings, &guard)?;
+    let fresh = parallel::map(scene.parts.len(), |p| -> Result<Vec<align::Piece>, Error> {
+        let part = &scene.parts[p];
+        if !part.receives || kept.part_is_kept[p] {
+            return Ok(Vec::new());
+        }
+        let surface = weld::Surface::new(scene, part);
+        let flats = region::flatten_part(&surface, &guard)?;
+        Ok(flats.iter().map(|flat| align::piece(&surface, flat, p as u32)).collect())
+    });
+    let mut pieces = kept.pieces;
+    for part in fresh {
+        pieces.extend(part?);
+    }
+    pieces.sort_by_key(|piece| piece.parts[0]);
+    let mut warnings: Vec<Warning> = kept.warnings;
+    let arranged = arrange::arrange(scene, pieces, settings, &guard, &mut warnings)?;
+    let output = assemble::assemble(scene, &arranged, &kept.part_is_kept);
+    Ok(Warned { output, warnings })
+}
+
+fn check(settings: &Settings) -> Result<(), Error> {
+    let density = settings.texels_per_meter;
+    if !(density.is_finite() && density > 0.0) {
+        return Err(Error::Setting(format!("the density must be a positive number of texels per metre, not {density}")));
+    }
+    if !(16..=MAX_PAGE_SIZE).contains(&settings.page_size) {
+        let side = settings.page_size;
+        return Err(Error::Setting(format!("the page size must be 16 to {MAX_PAGE_SIZE} texels, not {side}")));
+    }
+    if settings.padding > settings.page_size / 4 {
+        let padding = settings.padding;
+        return Err(Error::Setting(format!("a padding of {padding} texels is more than a quarter of a page")));
+    }
+    if settings.max_pages == Some(0) {
+        return Err(Error::Setting("at least one page is needed".to_owned()));
+    }
+    Ok(())
+}
+
+/// Triangles of a part as source vertices, relative to the part.
+fn part_triangles<'a>(scene: &'a Scene, part: &Part) -> impl Iterator<Item = [u32; 3]> + use<'a> {
+    let first = part.vertices.start;
+    scene.triangles[part.triangles.start as usize..part.triangles.end as usize]
+        .iter()
+        .map(move |triangle| triangle.map(|v| v - first))
 }

@@ -8,11 +8,13 @@ pub mod color;
 pub mod frame;
 pub mod low_discrepancy;
 pub mod parallel;
+pub mod progress;
 pub mod random;
 pub mod warning;
 pub mod warp;
 
 pub use color::Rgb;
 pub use frame::Frame;
+pub use progress::Progress;
 pub use random::Stream;
 pub use warning::{Warned, Warning};

@@ -3,6 +3,7 @@
 //! Work is cut into chunks of a fixed size; chunk results come back in order. A sum of floats is taken chunk by chunk in
 //! order, so it has the same bits for any pool (rayon's own `sum` does not).
 
+use super::Progress;
 use rayon::prelude::*;
 
 /// Elements per chunk of a parallel sum.
@@ -17,6 +18,20 @@ pub fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
 pub fn map_chunks<T: Send>(n: usize, chunk: usize, f: impl Fn(core::ops::Range<usize>) -> T + Sync) -> Vec<T> {
     let chunk = chunk.max(1);
     map(n.div_ceil(chunk), |c| f(c * chunk..n.min((c + 1) * chunk)))
+}
+
+/// [`map`] that counts finished indices and stops early, with default values, when it is cancelled.
+pub fn map_watched<T: Send + Default>(n: usize, progress: &Progress, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    const WATCH_CHUNK: usize = 64;
+    progress.start(n as u64);
+    let chunks = map_chunks(n, WATCH_CHUNK, |range| {
+        let count = range.len();
+        let out: Vec<T> =
+            if progress.cancelled() { range.map(|_| T::default()).collect() } else { range.map(&f).collect() };
+        progress.advance(count as u64);
+        out
+    });
+    chunks.into_iter().flatten().collect()
 }
 
 /// Sum of `f(i)` over 0..n in double precision; the same bits at every thread count.

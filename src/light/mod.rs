@@ -1,1 +1,24 @@
-//! Placeholder.
+//! Direct light: irradiance of every patch straight from lights, emissive surfaces and sky.
+//!
+//! Two ways: [`direct`] gathers it by shadow rays from every patch; [`shoot`] makes the lines that leave the emitters,
+//! for the walk to trace as in the paper.
+//!
+//! Units: sun E = I cos θ [lx]; point and spot E = I cos θ/d² [cd] with the window and cone of `KHR_lights_punctual`;
+//! surfaces and sky by radiance [cd/m²]. No hidden factor anywhere.
+
+mod direct;
+mod emitters;
+mod punctual;
+pub mod shoot;
+
+pub use direct::direct;
+pub use emitters::Emitters;
+
+/// How to gather direct light.
+#[derive(Debug, Clone, Copy)]
+pub struct Settings {
+    /// Shadow rays per texel to emissive surfaces, and as many to the sky; four times as many where they disagree.
+    pub samples: u32,
+    /// Chooses the random numbers.
+    pub seed: u64,
+}

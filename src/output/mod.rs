@@ -1,1 +1,52 @@
-//! Placeholder.
+//! What was baked → files: EXR pages, PNG previews, the glTF with its additions, report, depfile.
+//!
+//! Nothing here writes to a file but [`atomic::commit`], which puts a whole set of files in place at once. The other
+//! functions return bytes, and the same bytes on every run and at any thread count.
+
+pub mod atomic;
+pub mod depfile;
+pub mod exr;
+pub mod gltf;
+pub mod names;
+pub mod png;
+pub mod report;
+pub mod splice;
+
+use std::path::Path;
+use std::path::PathBuf;
+
+/// What can go wrong on the way from results to files.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The file system said no.
+    #[error("{}: cannot {action}: {source}", path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What was tried, as a verb with its object.
+        action: &'static str,
+        /// Why it failed.
+        source: std::io::Error,
+    },
+    /// Data that cannot be written, or a file that cannot be read, as it is.
+    #[error("{}: {message}", path.display())]
+    Invalid {
+        /// The file that it is about.
+        path: PathBuf,
+        /// What is wrong, where in the file, and what to do.
+        message: String,
+    },
+    /// The write was called off before any file was put in place.
+    #[error("interrupted; nothing was written")]
+    Interrupted,
+}
+
+impl Error {
+    pub(crate) fn io(path: &Path, action: &'static str, source: std::io::Error) -> Self {
+        Self::Io { path: path.to_path_buf(), action, source }
+    }
+
+    pub(crate) fn invalid(path: &Path, message: impl Into<String>) -> Self {
+        Self::Invalid { path: path.to_path_buf(), message: message.into() }
+    }
+}

@@ -1,7 +1,23 @@
 //! Materials as diffuse light sees them: reflectance, emission, alpha, sides.
+//!
+//! Source: glTF 2.0, section 3.9; `KHR_materials_emissive_strength`, `KHR_materials_unlit`, `KHR_texture_transform`.
+//!
+//! The rotation of `KHR_texture_transform`: the extension's GLSL listing, read as the column-major code that it is, turns
+//! the other way than its own text and its own example say, and than viewers do (KhronosGroup/glTF#1563). We follow the
+//! example: u' = u·cos + v·sin, v' = −u·sin + v·cos, after the scale and before the offset.
 
+use super::Error;
+use super::primitive::MAX_UV_SETS;
+use super::schema::MaterialEntry;
+use super::schema::Root;
+use super::schema::TextureInfo;
+use super::schema::label;
 use crate::base::Rgb;
-use glam::{Affine2, Vec4};
+use crate::base::Warning;
+use glam::Affine2;
+use glam::Mat2;
+use glam::Vec2;
+use glam::Vec4;
 
 /// A glTF material, reduced to what a diffuse bake uses. Factors are linear.
 #[derive(Debug, Clone)]
@@ -48,4 +64,102 @@ pub struct TextureRef {
     pub uv_set: usize,
     /// `KHR_texture_transform`: texture uv = transform × mesh uv.
     pub transform: Affine2,
+}
+
+impl Material {
+    /// The textures that it uses.
+    pub(super) fn textures(&self) -> impl Iterator<Item = &TextureRef> {
+        [&self.base_color_texture, &self.metallic_texture, &self.emission_texture].into_iter().flatten()
+    }
+}
+
+/// All materials of the document, then the default one. Textures that cannot matter are left out: their factor is zero,
+/// or the material is unlit (its base colour stays, for pictures of it).
+pub(super) fn read(root: &Root, warnings: &mut Vec<Warning>) -> Result<Vec<Material>, Error> {
+    let mut materials = Vec::with_capacity(root.materials.len() + 1);
+    for (index, entry) in root.materials.iter().enumerate() {
+        let name = label(entry.name.as_deref(), "material", index);
+        let context = format!("material {index} \"{name}\"");
+        materials.push(convert(entry, name, root, warnings).map_err(|e| e.within(&context))?);
+    }
+    materials.push(convert(&MaterialEntry::default(), "default material".to_owned(), root, warnings)?);
+    Ok(materials)
+}
+
+fn convert(entry: &MaterialEntry, name: String, root: &Root, warnings: &mut Vec<Warning>) -> Result<Material, Error> {
+    let pbr = &entry.pbr_metallic_roughness;
+    let base_color = Vec4::from_array(pbr.base_color_factor);
+    let strength = entry.extensions.emissive_strength.as_ref().map_or(1.0, |e| e.emissive_strength);
+    let emission = Rgb::from_array(entry.emissive_factor) * strength;
+    if !(emission.is_finite() && emission.min_element() >= 0.0) {
+        return Err(Error::invalid(format!("its emission {emission} is negative or not finite")));
+    }
+    let metallic = pbr.metallic_factor;
+    if !(in_unit(metallic) && base_color.to_array().into_iter().all(in_unit)) {
+        let what = format!("material {name}: its base colour or metallic factor is outside [0, 1] and was clamped");
+        warnings.push(Warning::new("factor-out-of-range", what));
+    }
+    let (base_color, metallic) = (clamp_unit(base_color), metallic.clamp(0.0, 1.0));
+    let alpha = match entry.alpha_mode.as_str() {
+        "OPAQUE" => Alpha::Opaque,
+        "MASK" => Alpha::Mask(entry.alpha_cutoff),
+        "BLEND" => Alpha::Blend,
+        other => {
+            let what = format!("material {name}: alpha mode {other:?} does not exist; OPAQUE was used");
+            warnings.push(Warning::new("bad-alpha-mode", what));
+            Alpha::Opaque
+        }
+    };
+    let unlit = entry.extensions.unlit.is_some();
+    let color_matters = alpha != Alpha::Opaque || base_color.truncate() != Rgb::ZERO;
+    let texture = |info: &Option<TextureInfo>, matters: bool| match info {
+        Some(info) if matters => texture_ref(info, root).map(Some),
+        _ => Ok(None),
+    };
+    Ok(Material {
+        name,
+        base_color,
+        base_color_texture: texture(&pbr.base_color_texture, color_matters)?,
+        metallic,
+        metallic_texture: texture(&pbr.metallic_roughness_texture, metallic > 0.0 && !unlit)?,
+        emission,
+        emission_texture: texture(&entry.emissive_texture, emission != Rgb::ZERO && !unlit)?,
+        alpha,
+        double_sided: entry.double_sided,
+        unlit,
+    })
+}
+
+fn in_unit(value: f32) -> bool {
+    (0.0..=1.0).contains(&value)
+}
+
+fn clamp_unit(color: Vec4) -> Vec4 {
+    color.clamp(Vec4::ZERO, Vec4::ONE)
+}
+
+fn texture_ref(info: &TextureInfo, root: &Root) -> Result<TextureRef, Error> {
+    let have = root.textures.len();
+    let texture = info.index.filter(|&t| t < have).ok_or_else(|| match info.index {
+        Some(index) => Error::invalid(format!("texture {index} does not exist, there are {have}")),
+        None => Error::invalid("a texture reference has no index"),
+    })?;
+    let extension = info.extensions.transform.as_ref();
+    let uv_set = extension.and_then(|t| t.tex_coord).unwrap_or(info.tex_coord);
+    if uv_set >= MAX_UV_SETS {
+        return Err(Error::unsupported(format!("uses TEXCOORD_{uv_set}; only the first {MAX_UV_SETS} can be read")));
+    }
+    let transform = match extension {
+        None => Affine2::IDENTITY,
+        Some(t) => {
+            let (sin, cos) = libm::sincosf(t.rotation);
+            let [x, y] = t.scale;
+            let linear = Mat2::from_cols(Vec2::new(cos, -sin) * x, Vec2::new(sin, cos) * y);
+            Affine2::from_mat2_translation(linear, Vec2::from_array(t.offset))
+        }
+    };
+    if !transform.is_finite() {
+        return Err(Error::invalid("its KHR_texture_transform is not finite"));
+    }
+    Ok(TextureRef { texture, uv_set, transform })
 }

@@ -4,15 +4,37 @@
 //! (also under mirrored transforms), normals and vertex colours exist, units are glTF's photometric ones.
 //!
 //! Vertex k of a [`Part`] is element k of the accessors of its primitive, so that `output` can copy attributes by index.
+//!
+//! [`load`] is the only entry; the order of its steps is `load.rs`. The reader is our own, see [`schema`] for why. Every
+//! number of a document is checked where it is used: a document can be refused, but it cannot cause a panic, an endless
+//! loop, or memory use beyond a small multiple of what the files really contain (the exceptions are named and capped:
+//! `accessor.rs`, `geometry.rs`, `images.rs`).
 
+mod accessor;
+mod cameras;
+mod container;
 mod document;
+mod error;
+mod extensions;
+mod geometry;
+mod images;
 mod light;
+mod load;
 mod material;
+mod nodes;
+mod pose;
+mod primitive;
+mod punctual;
+pub mod schema;
 mod surface;
 mod texture;
+mod uri;
 
-pub use document::{AccessorData, Document};
+pub use accessor::AccessorData;
+pub use document::Document;
+pub use error::{Class, Error};
 pub use light::{Light, Sky};
+pub use load::{Settings, load, load_bytes};
 pub use material::{Alpha, Material, TextureRef};
 pub use texture::{Texture, Wrap};
 
@@ -78,7 +100,7 @@ pub struct Part {
     pub mirrored: bool,
     /// No normals in the document: shading normals are the triangles' own.
     pub flat: bool,
-    /// The primitive has a TEXCOORD_1 (then `Vertices::uv[1]` holds it).
+    /// The primitive has a `TEXCOORD_1` (then `Vertices::uv[1]` holds it).
     pub has_uv1: bool,
     /// It gets lightmap texels. False for unlit, skinned and morphed primitives, which still block light.
     pub receives: bool,

@@ -91,11 +91,22 @@ impl Scene {
     /// Probability in [0, 1] that the surface stops a ray at this point.
     #[must_use]
     pub fn opacity(&self, triangle: u32, b: Vec2) -> f32 {
-        match self.material(triangle).alpha {
+        let material = self.material(triangle);
+        match material.alpha {
             Alpha::Opaque => 1.0,
-            Alpha::Mask(cutoff) => f32::from(u8::from(self.base_color(triangle, b).w >= cutoff)),
-            Alpha::Blend => self.base_color(triangle, b).w.clamp(0.0, 1.0),
+            Alpha::Mask(cutoff) => f32::from(u8::from(self.alpha(material, triangle, b) >= cutoff)),
+            Alpha::Blend => self.alpha(material, triangle, b).clamp(0.0, 1.0),
         }
+    }
+
+    /// The alpha of [`Scene::base_color`], without its colour: this is asked for at every hit of a masked surface.
+    fn alpha(&self, material: &Material, triangle: u32, b: Vec2) -> f32 {
+        let [a0, a1, a2] = self.triangles[triangle as usize].map(|v| self.vertices.color[v as usize].w);
+        let mut alpha = material.base_color.w * (a0 * (1.0 - b.x - b.y) + a1 * b.x + a2 * b.y);
+        if let Some(r) = &material.base_color_texture {
+            alpha *= self.textures[r.texture].sample_alpha(self.texture_uv(triangle, b, r));
+        }
+        alpha
     }
 
     /// Base colour and alpha: factor × texture × vertex colour, linear.

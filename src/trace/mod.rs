@@ -1,7 +1,27 @@
 //! [`Scene`] → [`Tracer`]: what a ray meets first, and whether two points see each other. obvhs lives only here.
+//!
+//! obvhs builds a binary hierarchy (`build`), which is collapsed to eight children per node and walked by our own code
+//! (`traverse`), with a watertight triangle test (`triangle`) and origins that never meet the surface they leave
+//! (`origin`).
+//!
+//! Invariants:
+//! * [`Tracer::closest_hit`] and [`Tracer::occluded`] accept exactly the same hits, so one is the other's existence;
+//! * a ray's answer depends on the scene and the ray alone: not on threads, other rays, or the machine (no fused
+//!   multiply-add, no CPU dispatch);
+//! * a ray that is not finite, has no direction, or a `t_max` that is not above zero, meets nothing.
+//!
+//! Limits: 2²⁸ triangles; further ones are not seen. Distances are f32: surfaces closer to each other than one part in
+//! 2²⁴ of the ray's length count as equally far.
+
+mod build;
+mod origin;
+mod traverse;
+mod triangle;
 
 use crate::scene::Scene;
-use glam::{Vec2, Vec3};
+use build::Hierarchy;
+use glam::{DVec3, Vec2, Vec3};
+use traverse::Query;
 
 /// A half line or segment.
 #[derive(Debug, Clone, Copy)]
@@ -39,32 +59,79 @@ pub struct Line {
 /// A scene prepared for ray queries.
 pub struct Tracer<'a> {
     scene: &'a Scene,
+    hierarchy: Hierarchy,
 }
 
 impl<'a> Tracer<'a> {
-    /// Builds the hierarchy, in parallel. An empty scene is fine.
+    /// Builds the hierarchy, in parallel; the same bytes at every thread count. An empty scene is fine. Triangles
+    /// without area or with a coordinate that is not finite are left out.
     #[must_use]
     pub fn new(scene: &'a Scene) -> Self {
-        Self { scene }
+        Self { scene, hierarchy: Hierarchy::new(scene) }
     }
 
-    /// The nearest hit with 0 < t < t_max; of equal distances the smallest triangle index.
+    /// The scene that this was built from.
     #[must_use]
-    pub fn closest_hit(&self, _ray: &Ray) -> Option<Hit> {
-        let _ = self.scene;
-        None
+    pub fn scene(&self) -> &'a Scene {
+        self.scene
     }
 
-    /// Anything between 0 and t_max.
+    /// The nearest hit with 0 < t < `t_max`; of equal distances the smallest triangle index. Triangles have two sides.
+    /// Transparent ones are passed with probability 1 − opacity, decided by a hash of the ray and the triangle.
     #[must_use]
-    pub fn occluded(&self, _ray: &Ray) -> bool {
-        false
+    pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
+        let query = Query::new(ray.origin, ray.direction.as_dvec3(), ray.t_max)?;
+        self.traverse::<false>(&query)
+    }
+
+    /// Anything between 0 and `t_max`.
+    #[must_use]
+    pub fn occluded(&self, ray: &Ray) -> bool {
+        Query::new(ray.origin, ray.direction.as_dvec3(), ray.t_max).is_some_and(|q| self.traverse::<true>(&q).is_some())
+    }
+
+    /// Nothing lies strictly between two points [m]. For points on surfaces, take both from [`Tracer::origin_on`].
+    ///
+    /// Better than [`Tracer::occluded`] with the difference as direction: that difference, rounded to f32, misses the
+    /// end by as much as `origin_on` has pushed it off its surface.
+    #[must_use]
+    pub fn segment_clear(&self, from: Vec3, to: Vec3) -> bool {
+        let direction: DVec3 = to.as_dvec3() - from.as_dvec3();
+        Query::new(from, direction, 1.0).is_none_or(|q| self.traverse::<true>(&q).is_none())
     }
 
     /// Origin for a ray that leaves a triangle at `b` toward `direction`: pushed off the surface, to the side that the
     /// direction points to, by a bound of the rounding errors, so that the ray cannot meet the triangle it starts from.
+    ///
+    /// The push is at most 4 f32 steps (ulps) of the triangle's coordinates per axis, in proportion to the normal: under
+    /// 4 µm within 8 m of the world's origin. A point nearer than 8 steps to an edge is moved that far inward, so that a
+    /// ray from a corner of a room starts inside it.
     #[must_use]
-    pub fn origin_on(&self, triangle: u32, b: Vec2, _direction: Vec3) -> Vec3 {
-        self.scene.position(triangle, b)
+    pub fn origin_on(&self, triangle: u32, b: Vec2, direction: Vec3) -> Vec3 {
+        origin::leave(self.scene.corners(triangle), b, direction, self.hierarchy.reach())
+    }
+
+    /// Smallest and largest coordinates of the triangles that rays can meet [m]; zeros for an empty scene.
+    #[must_use]
+    pub fn bounds(&self) -> (Vec3, Vec3) {
+        self.hierarchy.bounds
+    }
+
+    /// Number of triangles that rays can meet.
+    #[must_use]
+    pub fn triangle_count(&self) -> usize {
+        self.hierarchy.triangle_count
+    }
+
+    /// Number of eight-wide nodes.
+    #[must_use]
+    pub fn node_count(&self) -> usize {
+        self.hierarchy.nodes.len()
+    }
+
+    /// Memory of the hierarchy [bytes].
+    #[must_use]
+    pub fn memory_bytes(&self) -> usize {
+        self.hierarchy.memory_bytes()
     }
 }

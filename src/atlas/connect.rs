@@ -1,0 +1,80 @@
+//! Which triangles of a flat layout hang together over common edges.
+
+use glam::DVec2;
+
+/// Component of each triangle, numbered by first appearance; triangles share an edge if both ends have the same bits.
+pub(super) fn components(triangles: &[[DVec2; 3]]) -> Vec<u32> {
+    let mut edges = Vec::with_capacity(triangles.len() * 3);
+    for (t, triangle) in triangles.iter().enumerate() {
+        let keys = triangle.map(|p| ((p.x + 0.0).to_bits(), (p.y + 0.0).to_bits()));
+        for k in 0..3 {
+            let (a, b) = (keys[k], keys[(k + 1) % 3]);
+            edges.push((a.min(b), a.max(b), t));
+        }
+    }
+    edges.sort_unstable();
+    let mut sets = Sets::new(triangles.len());
+    for pair in edges.windows(2) {
+        if (pair[0].0, pair[0].1) == (pair[1].0, pair[1].1) {
+            sets.join(pair[0].2, pair[1].2);
+        }
+    }
+    sets.numbers()
+}
+
+/// Disjoint sets; the smallest member represents its set.
+#[derive(Debug)]
+pub(super) struct Sets {
+    parent: Vec<usize>,
+}
+
+impl Sets {
+    /// `n` sets of one member.
+    pub(super) fn new(n: usize) -> Self {
+        Self { parent: (0..n).collect() }
+    }
+
+    /// Unites the sets of two members.
+    pub(super) fn join(&mut self, a: usize, b: usize) {
+        let (a, b) = (self.find(a), self.find(b));
+        self.parent[a.max(b)] = a.min(b);
+    }
+
+    fn find(&mut self, mut a: usize) -> usize {
+        while self.parent[a] != a {
+            self.parent[a] = self.parent[self.parent[a]];
+            a = self.parent[a];
+        }
+        a
+    }
+
+    /// Number of each member's set, counted by first appearance.
+    pub(super) fn numbers(&mut self) -> Vec<u32> {
+        let mut number = vec![u32::MAX; self.parent.len()];
+        let mut count = 0;
+        (0..self.parent.len())
+            .map(|member| {
+                let root = self.find(member);
+                if number[root] == u32::MAX {
+                    number[root] = count;
+                    count += 1;
+                }
+                number[root]
+            })
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn triangles_hang_together_over_edges_not_corners() {
+        let p = |x: f64, y: f64| DVec2::new(x, y);
+        let strip = [p(0., 0.), p(1., 0.), p(0., 1.)];
+        let joined = [p(1., 0.), p(1., 1.), p(0., 1.)];
+        let corner = [p(1., 1.), p(2., 1.), p(2., 2.)];
+        assert_eq!(components(&[strip, corner, joined]), [0, 1, 0]);
+    }
+}

@@ -1,0 +1,194 @@
+//! Keeps a TEXCOORD_1 that is a usable lightmap layout, as one rigid block per node.
+//!
+//! The primitives of a node's mesh are laid out together if they share one layout, else one by one. The block is scaled
+//! alike in both directions so that its mean density is the wanted one. Usable means: finite, inside [0, 1]², no place
+//! covered twice (whatever the orientation: mirrored islands are fine as long as they lie apart), no visible triangle
+//! collapsed, and for all but [`OUTLIERS`] of the area a density within a factor [`MAX_STRETCH`] of the mean in every
+//! direction. With [`Uv::Auto`], charts must also not share texels at the wanted density; with [`Uv::Keep`] those that do
+//! become one chart.
+
+use super::Error;
+use super::Settings;
+use super::Uv;
+use super::align::Face;
+use super::align::Piece;
+use super::arrange::sharing;
+use super::connect;
+use super::guard::Guard;
+use super::overlap;
+use super::part_triangles;
+use super::shape::extent;
+use super::shape::fraction_bits;
+use super::shape::shape;
+use crate::base::Warning;
+use crate::base::parallel;
+use crate::scene::Scene;
+use glam::DVec2;
+use glam::DVec3;
+
+/// Density of a triangle in any direction over the mean, and its inverse, per length.
+const MAX_STRETCH: f64 = 4.0;
+
+/// Share of the area that may be stretched more.
+const OUTLIERS: f64 = 0.02;
+
+/// Coordinates may leave [0, 1] by this much (exporters write 1.0000001).
+const BORDER: f32 = 1e-4;
+
+/// Overlap samples per triangle.
+const SAMPLES: usize = 64;
+
+/// What can be kept.
+#[derive(Debug)]
+pub(super) struct Kept {
+    /// Blocks, in the order of their first parts.
+    pub(super) pieces: Vec<Piece>,
+    /// For each part of the scene, whether it is in a block.
+    pub(super) part_is_kept: Vec<bool>,
+    /// `uv-regenerated` for each part that is not, though it has a TEXCOORD_1.
+    pub(super) warnings: Vec<Warning>,
+}
+
+/// Blocks of all usable TEXCOORD_1.
+pub(super) fn kept_blocks(scene: &Scene, settings: &Settings, guard: &Guard) -> Result<Kept, Error> {
+    let mut kept =
+        Kept { pieces: Vec::new(), part_is_kept: vec![false; scene.parts.len()], warnings: Vec::new() };
+    if settings.uv == Uv::Generate {
+        return Ok(kept);
+    }
+    let candidate = |p: &usize| {
+        let part = &scene.parts[*p];
+        part.receives && part.has_uv1 && !part.triangles.is_empty()
+    };
+    let candidates: Vec<usize> = (0..scene.parts.len()).filter(candidate).collect();
+    let groups: Vec<&[usize]> = candidates
+        .chunk_by(|a, b| {
+            let (a, b) = (&scene.parts[*a], &scene.parts[*b]);
+            (a.node, a.mesh) == (b.node, b.mesh)
+        })
+        .collect();
+    let results = parallel::map(groups.len(), |g| {
+        guard.check()?;
+        let together = block(scene, groups[g], settings);
+        Ok(match together {
+            Err(_) if groups[g].len() > 1 => {
+                groups[g].iter().map(|p| (vec![*p], block(scene, &[*p], settings))).collect()
+            }
+            together => vec![(groups[g].to_vec(), together)],
+        })
+    });
+    for result in results {
+        let blocks: Vec<(Vec<usize>, Result<Piece, String>)> = result?;
+        for (parts, piece) in blocks {
+            let name = &scene.parts[parts[0]].name;
+            match piece {
+                Ok(piece) => {
+                    kept.pieces.push(piece);
+                    for p in parts {
+                        kept.part_is_kept[p] = true;
+                    }
+                }
+                Err(reason) if settings.uv == Uv::Keep => {
+                    return Err(Error::UnusableUv { node: name.clone(), reason });
+                }
+                Err(reason) => {
+                    let primitive = scene.parts[parts[0]].primitive;
+                    let message = format!(
+                        "TEXCOORD_1 of {name}, primitive {primitive}, is no usable lightmap layout ({reason}); new charts \
+                         were made"
+                    );
+                    kept.warnings.push(Warning::new("uv-regenerated", message).at(name.clone()));
+                }
+            }
+        }
+    }
+    Ok(kept)
+}
+
+/// The layout of some parts as a block, or what is wrong with it.
+fn block(scene: &Scene, parts: &[usize], settings: &Settings) -> Result<Piece, String> {
+    let (mut faces, mut corners, mut areas, mut worlds) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    for p in parts {
+        let part = &scene.parts[*p];
+        let first = part.vertices.start as usize;
+        let set = scene.vertices.uv.get(1).ok_or_else(|| "the set is missing".to_owned())?;
+        for (t, triangle) in part_triangles(scene, part).enumerate() {
+            let uv = triangle.map(|v| set[first + v as usize]);
+            if !uv.iter().all(|p| p.is_finite()) {
+                return Err(format!("triangle {t} has coordinates that are not finite"));
+            }
+            if !uv.iter().all(|p| p.min_element() >= -BORDER && p.max_element() <= 1.0 + BORDER) {
+                return Err(format!("triangle {t} leaves the range from 0 to 1"));
+            }
+            let world = triangle.map(|v| scene.vertices.position[first + v as usize].as_dvec3());
+            let area = 0.5 * (world[1] - world[0]).cross(world[2] - world[0]).length();
+            if area > 0.0 {
+                faces.push(Face { part: *p as u32, triangle: t as u32, chart: 0 });
+                corners.push(uv.map(|p| p.as_dvec2()));
+                areas.push(area);
+                worlds.push(world);
+            }
+        }
+    }
+    let area: f64 = areas.iter().sum();
+    let flat: f64 = corners.iter().map(|c| 0.5 * super::flatten::twice_area(*c).abs()).sum();
+    let scale = (area / flat).sqrt();
+    if !(scale.is_finite() && scale > 0.0) {
+        return Err("it has no area".to_owned());
+    }
+    corners.iter_mut().flatten().for_each(|p| *p *= scale);
+    let outliers: f64 =
+        (0..faces.len()).filter(|i| !is_even(worlds[*i], corners[*i])).map(|i| areas[i]).fold(0.0, |a, b| a + b);
+    if outliers > OUTLIERS * area {
+        let percent = 100.0 * outliers / area;
+        return Err(format!("{percent:.0} % of its area is stretched by more than a factor of {MAX_STRETCH}"));
+    }
+    if overlap::coverage(&corners, SAMPLES).overlaps() {
+        return Err("triangles overlap".to_owned());
+    }
+    let component = connect::components(&corners);
+    let mut chart_parts = Vec::new();
+    for (face, chart) in faces.iter_mut().zip(component) {
+        face.chart = chart;
+        if chart as usize == chart_parts.len() {
+            chart_parts.push(face.part);
+        }
+    }
+    let piece = Piece { parts: chart_parts, faces, corners, kept: true };
+    if settings.uv == Uv::Auto {
+        check_texels(&piece, settings)?;
+    }
+    Ok(piece)
+}
+
+/// Charts must be apart at the wanted density (or at that of a whole page, if that is less).
+fn check_texels(piece: &Piece, settings: &Settings) -> Result<(), String> {
+    let (low, high) = extent(piece);
+    let density = f64::from(settings.texels_per_meter).min(f64::from(settings.page_size) / (high - low).max_element());
+    let bits = fraction_bits(settings.page_size);
+    let shape = shape(piece, density, bits);
+    let sets = sharing(piece, &shape, bits).numbers();
+    let apart = sets.iter().map(|n| n + 1).max().unwrap_or(0) as usize;
+    if apart < piece.parts.len() {
+        let sharing = piece.parts.len() - apart;
+        return Err(format!("{sharing} of its charts share texels with others at {density:.3} texels/m"));
+    }
+    Ok(())
+}
+
+/// The density of a triangle is within [`MAX_STRETCH`] in every direction.
+///
+/// The largest and smallest density are the singular values of the map from the surface to the plane.
+fn is_even(world: [DVec3; 3], flat: [DVec2; 3]) -> bool {
+    let (e1, e2) = (world[1] - world[0], world[2] - world[0]);
+    let (d1, d2) = (flat[1] - flat[0], flat[2] - flat[0]);
+    let length = e1.length();
+    let (x2, y2) = (e2.dot(e1) / length, e1.cross(e2).length() / length);
+    let dx = d1 / length;
+    let dy = (d2 - dx * x2) / y2;
+    let (sum, determinant) = (dx.length_squared() + dy.length_squared(), dx.perp_dot(dy).abs());
+    let root = (sum * sum - 4.0 * determinant * determinant).max(0.0).sqrt();
+    let largest = (0.5 * (sum + root)).sqrt();
+    let smallest = determinant / largest;
+    largest <= MAX_STRETCH && smallest >= 1.0 / MAX_STRETCH
+}

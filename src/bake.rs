@@ -1,0 +1,290 @@
+//! The bake from file to files: the only code that names every stage.
+//!
+//! In: [`Request`]. Out: files on disk and the [`Report`]. All outputs appear together at the end or not at all.
+//!
+//! The walk and the gather run as two halves that share no random number: the first half of the gather reads the first
+//! walk, the second the second. Their difference estimates the error of the indirect light; the result is their mean.
+
+mod write;
+
+use crate::atlas::{self, Atlas};
+use crate::base::random::mix;
+use crate::base::{Progress, Rgb, parallel};
+use crate::finish::{self, Lightmap};
+use crate::gather::{self, Gathered};
+use crate::light::{self, Emitters, shoot};
+use crate::output::{self, report};
+use crate::patches::{PatchGraph, Patches};
+use crate::scene;
+use crate::settings::{DirectMode, Quantity, Settings, SplatMode};
+use crate::trace::Tracer;
+use crate::walk::{self, EmittedLines, Splat, Walk};
+use core::f32::consts::FRAC_1_PI;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// What to bake, and where to.
+#[derive(Debug, Clone)]
+pub struct Request {
+    /// The document.
+    pub input: PathBuf,
+    /// A `.glb`, a `.gltf`, or a folder.
+    pub output: PathBuf,
+    /// How.
+    pub settings: Settings,
+    /// Where to write the report.
+    pub report: Option<PathBuf>,
+    /// Where to write the depfile.
+    pub depfile: Option<PathBuf>,
+    /// Further files that were read, for the depfile.
+    pub also_read: Vec<PathBuf>,
+}
+
+/// Why there is no bake.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// The document cannot be used.
+    #[error(transparent)]
+    Scene(#[from] scene::Error),
+    /// There is no atlas.
+    #[error(transparent)]
+    Atlas(#[from] atlas::Error),
+    /// The results cannot be written.
+    #[error(transparent)]
+    Output(#[from] output::Error),
+    /// Somebody asked to stop.
+    #[error("interrupted; nothing was written")]
+    Interrupted,
+}
+
+/// Sees a bake go by.
+pub trait Observer: Sync {
+    /// A stage begins; `progress` tells how far it is.
+    fn stage(&self, name: &'static str, progress: &Arc<Progress>);
+    /// It ended after this many seconds.
+    fn done(&self, name: &'static str, seconds: f64);
+}
+
+/// The outcome: the report, and the lightmap that was written.
+#[derive(Debug)]
+pub struct Outcome {
+    /// What the report file holds.
+    pub report: report::Report,
+    /// Every file written, with its size [bytes].
+    pub files: Vec<(PathBuf, u64)>,
+    /// Irradiance that was stored, for those who call the library.
+    pub lightmap: Lightmap,
+}
+
+/// Light of the front patches as two independent solutions [lx].
+struct Solution {
+    direct: [Vec<Rgb>; 2],
+    indirect: [Vec<Rgb>; 2],
+    walks: [Walk; 2],
+    /// Power that the light sources put on patches.
+    power_in: [f64; 3],
+    /// Harmonic mean distance of what each front patch sees [m].
+    distance: Vec<f32>,
+    gather_rays: u64,
+}
+
+/// Runs stages, keeps their times, asks for interruption.
+struct Clock<'a> {
+    observer: &'a dyn Observer,
+    progress: Arc<Progress>,
+    stages: Vec<report::Stage>,
+}
+
+impl Clock<'_> {
+    fn timed<T>(&mut self, name: &'static str, f: impl FnOnce(&Progress) -> T) -> Result<T, Error> {
+        self.progress.start(0);
+        self.observer.stage(name, &self.progress);
+        let start = Instant::now();
+        let value = f(&self.progress);
+        let seconds = start.elapsed().as_secs_f64();
+        self.observer.done(name, seconds);
+        self.stages.push(report::Stage { name: name.to_owned(), seconds });
+        if self.progress.cancelled() { Err(Error::Interrupted) } else { Ok(value) }
+    }
+}
+
+/// Bakes.
+///
+/// # Errors
+/// [`Error`]; then no output was touched.
+pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>) -> Result<Outcome, Error> {
+    let settings = &request.settings;
+    let mut clock = Clock { observer, progress, stages: vec![] };
+    let loaded = clock.timed("load", |_| scene::load(&request.input, &scene_settings(settings)))??;
+    let (scene, mut warnings) = (loaded.output, loaded.warnings);
+    let tracer = clock.timed("trace", |_| Tracer::new(&scene))?;
+    let flag = clock.progress.cancel_flag();
+    let charted = clock.timed("atlas", |_| atlas::build(&scene, &atlas_settings(settings, flag)))??;
+    let atlas = charted.output;
+    warnings.extend(charted.warnings);
+    let patches = clock.timed("patches", |_| Patches::new(&tracer, &atlas))?;
+    let graph = clock.timed("links", |_| PatchGraph::new(&patches, &tracer))?;
+    let mut solution = solve(&mut clock, settings, &tracer, &patches, &graph)?;
+    clock.timed("share", |_| share(settings, &patches, &graph, &mut solution))?;
+    let lightmap = clock.timed("finish", |_| lightmap(settings, &patches, &atlas, &solution))?;
+    let facts = write::Facts { scene: &scene, atlas: &atlas, patches: &patches, solution: &solution, warnings };
+    write::write(request, &facts, lightmap, &mut clock)
+}
+
+fn scene_settings(settings: &Settings) -> scene::Settings {
+    let radians = settings.sun_angle.map(f32::to_radians);
+    scene::Settings { scene: settings.scene, sky: settings.sky(), sun_angle: radians }
+}
+
+fn atlas_settings(settings: &Settings, cancel: Arc<std::sync::atomic::AtomicBool>) -> atlas::Settings {
+    atlas::Settings {
+        texels_per_meter: settings.texels_per_meter,
+        page_size: settings.page_size,
+        max_pages: settings.max_pages,
+        padding: settings.padding,
+        uv: settings.atlas_uv(),
+        time_limit: None,
+        cancel: Some(cancel),
+    }
+}
+
+/// Lines of the walk for this many patches.
+fn lines(settings: &Settings, patches: &Patches) -> u64 {
+    settings.lines.unwrap_or((settings.lines_per_texel * patches.front as f64) as u64).max(2)
+}
+
+fn solve(
+    clock: &mut Clock<'_>,
+    settings: &Settings,
+    tracer: &Tracer<'_>,
+    patches: &Patches,
+    graph: &PatchGraph,
+) -> Result<Solution, Error> {
+    let emitters = Emitters::new(tracer.scene());
+    let direct = clock.timed("direct", |progress| {
+        let samples = light::Settings { samples: settings.direct_samples, seed: settings.seed };
+        match settings.direct {
+            DirectMode::Gather => light::direct(tracer, patches, &emitters, &samples, progress),
+            DirectMode::Shoot => vec![Rgb::ZERO; patches.len()],
+        }
+    })?;
+    let source = |i: usize| direct[i] * patches.exposed_area(i);
+    let walks = clock.timed("walk", |progress| {
+        [0, 1].map(|half| {
+            let seed = mix(settings.seed.wrapping_mul(2).wrapping_add(half));
+            let unshot = parallel::map(patches.len(), |i| source(i) * patches.reflectance[i]);
+            let sources = shoot::Sources::new(tracer, &emitters, seed);
+            let line = |k, n| sources.line(k, n);
+            let shot = EmittedLines { flux: sources.flux(), line: &line };
+            let emitted = (settings.direct == DirectMode::Shoot).then_some(&shot);
+            walk::walk(tracer, patches, graph, unshot, emitted, &walk_settings(settings, patches, half, seed), progress)
+        })
+    })?;
+    let gathered = match settings.gather {
+        0 => None,
+        _ => Some(clock.timed("gather", |progress| gather_with(settings, tracer, patches, &direct, &walks, progress))?),
+    };
+    let shoots = settings.direct == DirectMode::Shoot;
+    let gathered_in = [0, 1, 2].map(|c| parallel::sum(patches.len(), |i| f64::from(source(i)[c])));
+    let shot_in = |c: usize| walks.iter().map(|w| w.ledger.first().map_or(0.0, |b| b.received[c])).fold(0.0, |a, b| a + b);
+    let power_in = if shoots { [0, 1, 2].map(|c| 0.5 * shot_in(c)) } else { gathered_in };
+    let direct = [0, 1].map(|h| (0..patches.front).map(|i| direct[i] + walks[h].direct[i]).collect());
+    let (indirect, distance, gather_rays) = match gathered {
+        Some(g) => (g.halves, g.distance, g.rays),
+        None => ([0, 1].map(|h: usize| walks[h].indirect[..patches.front].to_vec()), mean_distance(&walks, patches.front), 0),
+    };
+    Ok(Solution { direct, indirect, distance, walks, power_in, gather_rays })
+}
+
+/// Harmonic mean over both walks; what one of them never hit takes the other's.
+fn mean_distance(walks: &[Walk; 2], front: usize) -> Vec<f32> {
+    let mean = |a: f32, b: f32| if a > 0.0 && b > 0.0 { 2.0 * a * b / (a + b) } else { a.max(b) };
+    (0..front).map(|i| mean(walks[0].distance[i], walks[1].distance[i])).collect()
+}
+
+fn walk_settings(settings: &Settings, patches: &Patches, half: u64, seed: u64) -> walk::Settings {
+    let all = lines(settings, patches);
+    walk::Settings {
+        splat: match settings.splat {
+            SplatMode::Paper => Splat::Paper { alpha: settings.alpha, beta: settings.beta },
+            SplatMode::None | SplatMode::Share => Splat::None,
+        },
+        lines: if half == 0 { all.div_ceil(2) } else { all / 2 },
+        // The gather is one bounce more.
+        bounces: settings.bounces.map(|n| n.saturating_sub(u32::from(settings.gather > 0))),
+        low_discrepancy: settings.splat == SplatMode::Share,
+        seed,
+    }
+}
+
+fn gather_with(
+    settings: &Settings,
+    tracer: &Tracer<'_>,
+    patches: &Patches,
+    direct: &[Rgb],
+    walks: &[Walk; 2],
+    progress: &Progress,
+) -> Gathered {
+    if settings.bounces == Some(0) {
+        return Gathered { halves: [0, 1].map(|_| vec![Rgb::ZERO; patches.front]), distance: vec![0.0; patches.front], rays: 0 };
+    }
+    let radiance = [0, 1].map(|h| {
+        let walk = &walks[h];
+        parallel::map(patches.len(), |i| {
+            patches.reflectance[i] * (direct[i] + walk.direct[i] + walk.indirect[i]) * FRAC_1_PI
+        })
+    });
+    let how = gather::Settings { rays: settings.gather, seed: settings.seed };
+    gather::gather(tracer, patches, [&radiance[0], &radiance[1]], &how, progress)
+}
+
+/// Independent lines per area that the noise of the indirect light amounts to [1/m²].
+fn lines_per_area(settings: &Settings, patches: &Patches) -> f64 {
+    /// Squared coefficient of variation of one gather ray, low-discrepancy points included (office: 0.4 to 0.6).
+    const GATHER_VARIANCE: f64 = 0.5;
+    let area = parallel::sum(patches.len(), |i| f64::from(patches.exposed_area(i))).max(f64::MIN_POSITIVE);
+    if settings.gather == 0 {
+        return lines(settings, patches) as f64 / area;
+    }
+    f64::from(settings.gather) * patches.front as f64 / (area * GATHER_VARIANCE)
+}
+
+/// Lets indirect light flow between linked texels; shot direct light is as noisy and flows too.
+fn share(settings: &Settings, patches: &Patches, graph: &PatchGraph, solution: &mut Solution) {
+    if settings.splat != SplatMode::Share {
+        return;
+    }
+    let how = finish::share::Settings { reach: settings.reach, lines_per_area: lines_per_area(settings, patches) };
+    let Solution { direct, indirect, distance, .. } = solution;
+    let mut fields: Vec<&mut Vec<Rgb>> = indirect.iter_mut().collect();
+    if settings.direct == DirectMode::Shoot {
+        fields.extend(direct.iter_mut());
+    }
+    finish::share::share(patches, graph, distance, &mut fields, &how);
+}
+
+impl Solution {
+    /// Irradiance by half `h` of the random numbers at front patch `i` [lx].
+    fn half(&self, h: usize, i: usize) -> Rgb {
+        self.direct[h][i] + self.indirect[h][i]
+    }
+
+    /// Irradiance at front patch `i` [lx].
+    fn irradiance(&self, i: usize) -> Rgb {
+        (self.half(0, i) + self.half(1, i)) * 0.5
+    }
+}
+
+fn lightmap(settings: &Settings, patches: &Patches, atlas: &Atlas, solution: &Solution) -> Lightmap {
+    let factor = match settings.quantity {
+        Quantity::Radiosity => FRAC_1_PI,
+        Quantity::Irradiance => 1.0,
+    };
+    let values = parallel::map(patches.front, |i| solution.irradiance(i));
+    let mut lightmap = finish::assemble(patches, atlas.pages, &values, factor);
+    for page in &mut lightmap.pages {
+        finish::dilate(page, settings.padding.max(1));
+    }
+    lightmap
+}

@@ -1,0 +1,146 @@
+//! What can be typed: commands, options, help. What the options of `bake` mean is in `settings`.
+
+use crate::settings::{Options, Preset};
+use clap::{Parser, Subcommand};
+use std::path::PathBuf;
+
+const AFTER_HELP: &str = "\
+Start here:
+  texelwalk inspect room.glb                what would be baked
+  texelwalk bake room.glb -o out/           out/room.glb, out/room.lightmap0.exr
+  texelwalk render out/room.glb -o view.png a picture of the result
+
+Exit codes: 0 ok, 1 bake failed, 2 usage, 3 input invalid or unsupported, 4 file system,
+5 warnings under --strict, 7 compare found a difference, 130 interrupted.";
+
+/// Bakes diffuse global illumination into lightmaps for glTF assets: no GPU, no window, the same bytes every time.
+#[derive(Debug, Parser)]
+#[command(name = "texelwalk", version, after_help = AFTER_HELP, max_term_width = 100)]
+pub struct Cli {
+    /// What to do
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Bake a glTF's lighting into a lightmap (the main job)
+    Bake(Box<Bake>),
+    /// Say what would be baked: meshes, texels, lights, faults
+    Inspect(Inspect),
+    /// Compare two EXR pictures: MSE, NRMSE, PSNR, largest difference
+    Compare(Compare),
+    /// Make a picture of a baked glTF, lit by its lightmap alone
+    Render(Render),
+}
+
+/// `bake`.
+#[derive(Debug, clap::Args)]
+pub struct Bake {
+    /// The .gltf or .glb to bake
+    #[arg(value_name = "IN")]
+    pub input: PathBuf,
+    /// Where to write: a .glb, a .gltf, or a folder (keeps the input's name)
+    #[arg(short, long, value_name = "OUT")]
+    pub output: PathBuf,
+    /// Named settings to start from
+    #[arg(long, value_enum, default_value = "production")]
+    pub preset: Preset,
+    /// TOML file with options by their long names; the command line wins
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Everything a preset may set
+    #[command(flatten)]
+    pub options: Options,
+    /// Write a JSON report of the bake
+    #[arg(long, value_name = "FILE", help_heading = "Run")]
+    pub report: Option<PathBuf>,
+    /// Write a make-style rule: outputs depend on the files that were read
+    #[arg(long, value_name = "FILE", help_heading = "Run")]
+    pub depfile: Option<PathBuf>,
+    /// Print the report on standard output
+    #[arg(long, help_heading = "Run")]
+    pub json: bool,
+    /// Exit with code 5 if there were warnings (outputs are still written)
+    #[arg(long, help_heading = "Run")]
+    pub strict: bool,
+    /// Nothing on standard error but errors
+    #[arg(short, long, help_heading = "Run", conflicts_with = "verbose")]
+    pub quiet: bool,
+    /// More detail on standard error
+    #[arg(short, long, help_heading = "Run")]
+    pub verbose: bool,
+}
+
+/// `inspect`.
+#[derive(Debug, clap::Args)]
+pub struct Inspect {
+    /// The .gltf or .glb to look at
+    #[arg(value_name = "IN")]
+    pub input: PathBuf,
+    /// Named settings to start from
+    #[arg(long, value_enum, default_value = "production")]
+    pub preset: Preset,
+    /// Density to count texels at
+    #[arg(long, value_name = "X")]
+    pub texels_per_meter: Option<f32>,
+    /// Scene of the document
+    #[arg(long, value_name = "N")]
+    pub scene: Option<usize>,
+    /// Print JSON instead of tables
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `compare`.
+#[derive(Debug, clap::Args)]
+pub struct Compare {
+    /// The picture to trust
+    #[arg(value_name = "REF")]
+    pub reference: PathBuf,
+    /// The picture to judge
+    #[arg(value_name = "TEST")]
+    pub test: PathBuf,
+    /// Compare only where this picture's first channel is above 0
+    #[arg(long, value_name = "M")]
+    pub mask: Option<PathBuf>,
+    /// Exit with code 7 if the NRMSE is above X
+    #[arg(long, value_name = "X")]
+    pub fail: Option<f64>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// `render`.
+#[derive(Debug, clap::Args)]
+pub struct Render {
+    /// A glTF that `bake` wrote
+    #[arg(value_name = "BAKED")]
+    pub input: PathBuf,
+    /// The PNG to write
+    #[arg(short, long, value_name = "PNG")]
+    pub output: PathBuf,
+    /// Camera of the document, by number [default: the first]
+    #[arg(long, value_name = "N", conflicts_with = "auto")]
+    pub camera: Option<usize>,
+    /// Choose a view even if the document has cameras
+    #[arg(long)]
+    pub auto: bool,
+    /// Width in pixels
+    #[arg(long, value_name = "PX", default_value_t = 960)]
+    pub width: u32,
+    /// Height in pixels
+    #[arg(long, value_name = "PX", default_value_t = 640)]
+    pub height: u32,
+    /// Samples per pixel
+    #[arg(long, value_name = "N", default_value_t = 16)]
+    pub samples: u32,
+    /// Factor on the light before the tone curve [default: by the picture's mean]
+    #[arg(long, value_name = "X")]
+    pub exposure: Option<f32>,
+    /// Scene of the document
+    #[arg(long, value_name = "N")]
+    pub scene: Option<usize>,
+}

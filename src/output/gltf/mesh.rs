@@ -1,0 +1,257 @@
+//! Meshes with a lightmap: what of a primitive is shared, what is written anew.
+//!
+//! A primitive whose vertices stay as they are keeps its accessors and indices and gains TEXCOORD_n. One whose vertices
+//! were split gets all attributes and morph targets again, element by element, byte for byte in their component type,
+//! and its triangles as a list. One that lies on several pages becomes one primitive per page, with common attributes.
+//! Everything else of it (extras, extensions, material variants) is carried over.
+//!
+//! Triangles without a chart (no area) stay, on the first page. Two instances that split a primitive alike share what
+//! was written for the first.
+
+use super::append::Append;
+use super::append::bounds;
+use super::append::component_size;
+use super::material::Assigned;
+use super::material::Use;
+use super::plan::Baked;
+use super::plan::Elements;
+use super::plan::Instance;
+use super::reader;
+use crate::atlas::Atlas;
+use crate::atlas::NO_CHART;
+use crate::base::Warning;
+use crate::output::Error;
+use crate::output::splice::Element;
+use crate::output::splice::Fault;
+use crate::output::splice::Splice;
+use crate::output::splice::quoted;
+use crate::scene::Scene;
+use std::collections::BTreeMap;
+
+/// Primitive extensions that stay right when vertices are renumbered.
+const RENUMBERING_IS_FINE: [&str; 3] = ["KHR_materials_variants", "EXT_mesh_features", "EXT_structural_metadata"];
+
+/// Writes meshes; collects what they need in `append`.
+pub(super) struct Meshes<'a> {
+    scene: &'a Scene,
+    atlas: &'a Atlas,
+    elements: &'a Elements<'a>,
+    materials: &'a Assigned,
+    pub(super) append: Append,
+    splits: Vec<Split<'a>>,
+    /// (mesh, primitive) → its ways of being split.
+    splits_of: BTreeMap<(usize, usize), Vec<usize>>,
+    /// (split, source accessor) → accessor.
+    attributes: BTreeMap<(usize, usize), usize>,
+    /// Vertex count → accessor of so many zeros.
+    zeros: BTreeMap<usize, usize>,
+}
+
+/// A way in which a primitive was split or cut into pages.
+struct Split<'a> {
+    source_vertex: &'a [u32],
+    /// Index lists written so far, with their accessors.
+    indices: Vec<(Vec<u32>, usize)>,
+}
+
+impl<'a> Meshes<'a> {
+    pub(super) fn new(
+        scene: &'a Scene,
+        atlas: &'a Atlas,
+        elements: &'a Elements<'a>,
+        materials: &'a Assigned,
+        append: Append,
+    ) -> Self {
+        let (splits, splits_of, attributes, zeros) = (Vec::new(), BTreeMap::new(), BTreeMap::new(), BTreeMap::new());
+        Self { scene, atlas, elements, materials, append, splits, splits_of, attributes, zeros }
+    }
+
+    /// The mesh of an instance.
+    pub(super) fn mesh(&mut self, instance: &Instance, warnings: &mut Vec<Warning>) -> Result<String, Error> {
+        let text = self.elements.meshes[instance.mesh].text();
+        let root = Element::root(text).map_err(|e| self.fault(&e))?;
+        let mut splice = Splice::new(text);
+        for (i, primitive) in root.array("primitives").iter().enumerate() {
+            let Some(baked) = instance.baked.get(&i) else { continue };
+            if !baked.unsplit {
+                self.warn_of_extensions(primitive, baked, warnings);
+            }
+            splice.replace(primitive, self.primitives(primitive.text(), baked)?.join(", "));
+        }
+        splice.apply().map_err(|e| self.fault(&e))
+    }
+
+    fn fault(&self, fault: &Fault) -> Error {
+        Error::invalid(&self.scene.document.path, fault.to_string())
+    }
+
+    fn warn_of_extensions(&self, primitive: &Element<'_>, baked: &Baked, warnings: &mut Vec<Warning>) {
+        for (name, _) in primitive.get("extensions").map(|e| e.members()).unwrap_or_default() {
+            if !RENUMBERING_IS_FINE.contains(&name.as_str()) {
+                let part = &self.scene.parts[baked.part];
+                let message = format!(
+                    "extension {name} of primitive {} was copied, but vertices had to be renumbered for the lightmap; \
+                     vertex indices in it would be wrong",
+                    part.primitive
+                );
+                warnings.push(Warning::new("renumbered-vertices", message).at(part.name.as_str()));
+            }
+        }
+    }
+
+    /// One primitive per page.
+    fn primitives(&mut self, text: &str, baked: &Baked) -> Result<Vec<String>, Error> {
+        let root = Element::root(text).map_err(|e| self.fault(&e))?;
+        let split = self.split_of(baked);
+        let edits = self.vertex_edits(&root, baked, split)?;
+        let mut out = Vec::with_capacity(baked.pages.len());
+        for &page in &baked.pages {
+            let primitive = self.on_page(&root, baked, split, page, &edits);
+            out.push(primitive.map_err(|e| self.fault(&e))?);
+        }
+        Ok(out)
+    }
+
+    fn on_page(
+        &mut self,
+        root: &Element<'_>,
+        baked: &Baked,
+        split: usize,
+        page: u32,
+        edits: &VertexEdits<'_>,
+    ) -> Result<String, Fault> {
+        let mut splice = Splice::new(root.text());
+        for (element, accessor) in &edits.replaced {
+            splice.replace(element, accessor.to_string());
+        }
+        for (name, accessor) in &edits.added {
+            splice.set_path(root, &["attributes", name], accessor.to_string())?;
+        }
+        let lightmap = Use { page, set: baked.set };
+        if let Some(material) = self.materials.get(root.index_at("material"), lightmap) {
+            splice.set(root, "material", material.to_string())?;
+        }
+        let variants = root.find(&["extensions", "KHR_materials_variants"]);
+        for mapping in variants.map(|v| v.array("mappings")).unwrap_or_default() {
+            if let Some(material) = self.materials.get(mapping.index_at("material"), lightmap) {
+                splice.set(&mapping, "material", material.to_string())?;
+            }
+        }
+        if !baked.unsplit || baked.pages.len() > 1 {
+            let indices = self.indices(baked, page, split);
+            splice.set(root, "indices", indices.to_string())?;
+            if root.index_at("mode").is_some_and(|mode| mode != 4) {
+                splice.set(root, "mode", "4")?;
+            }
+        }
+        splice.apply()
+    }
+
+    /// The attributes and morph targets of a primitive, shared by its pages.
+    fn vertex_edits<'e>(
+        &mut self,
+        root: &Element<'e>,
+        baked: &Baked,
+        split: usize,
+    ) -> Result<VertexEdits<'e>, Error> {
+        let charted = &self.atlas.parts[baked.part];
+        let count = charted.source_vertex.len();
+        let mut edits = VertexEdits { replaced: Vec::new(), added: Vec::new() };
+        let lightmap = format!("TEXCOORD_{}", baked.set);
+        let attributes = root.get("attributes").map(|a| a.members()).unwrap_or_default();
+        let mut sources = root.array("targets").iter().flat_map(Element::members).collect::<Vec<_>>();
+        sources.extend(attributes.iter().filter(|(name, _)| *name != lightmap).cloned());
+        if !baked.unsplit {
+            for (name, element) in sources {
+                let source = element.index().ok_or_else(|| self.missing(baked, &name))?;
+                edits.replaced.push((element, self.remapped(source, &name, baked, split)?));
+            }
+        }
+        if !attributes.iter().any(|(name, _)| name == "TEXCOORD_0") {
+            let append = &mut self.append;
+            let zeros = *self.zeros.entry(count).or_insert_with(|| append.zero_uv(count));
+            edits.added.push(("TEXCOORD_0".to_owned(), zeros));
+        }
+        if !baked.keep_uv {
+            let [width, height] = self.atlas.page_size.map(|n| n as f32);
+            let uv = self.append.uv(charted.uv.iter().map(|uv| [uv.x / width, uv.y / height]));
+            edits.added.push((lightmap, uv));
+        }
+        Ok(edits)
+    }
+
+    fn missing(&self, baked: &Baked, attribute: &str) -> Error {
+        let part = &self.scene.parts[baked.part];
+        let message = format!("{}, primitive {}: no usable accessor for {attribute}", part.name, part.primitive);
+        Error::invalid(&self.scene.document.path, message)
+    }
+
+    /// The number of the way in which a primitive is split; equal ways have equal numbers.
+    fn split_of(&mut self, baked: &Baked) -> usize {
+        let part = &self.scene.parts[baked.part];
+        let source_vertex = self.atlas.parts[baked.part].source_vertex.as_slice();
+        let known = self.splits_of.entry((part.mesh, part.primitive)).or_default();
+        if let Some(&same) = known.iter().find(|&&s| self.splits[s].source_vertex == source_vertex) {
+            return same;
+        }
+        known.push(self.splits.len());
+        self.splits.push(Split { source_vertex, indices: Vec::new() });
+        self.splits.len() - 1
+    }
+
+    /// The accessor that has the elements of `source` in the order of the output vertices.
+    fn remapped(&mut self, source: usize, name: &str, baked: &Baked, split: usize) -> Result<usize, Error> {
+        if let Some(&done) = self.attributes.get(&(split, source)) {
+            return Ok(done);
+        }
+        let picked = self.splits[split].source_vertex;
+        let old = self.elements.accessors.get(source).ok_or_else(|| self.missing(baked, name))?;
+        let data = reader::accessor(&self.scene.document, source)?;
+        let kind = old.get("type").and_then(|t| t.string()).unwrap_or_default();
+        let complete = data.bytes.len() >= data.count * data.components * component_size(data.component_type);
+        if !complete || picked.iter().any(|&v| v as usize >= data.count) {
+            return Err(self.missing(baked, name));
+        }
+        let mut rest = String::new();
+        for (key, value) in old.members() {
+            let rewritten = ["bufferView", "byteOffset", "componentType", "count", "type", "sparse", "min", "max"];
+            if !rewritten.contains(&key.as_str()) {
+                rest += &format!(", {}: {}", quoted(&key), value.text());
+            }
+        }
+        if name == "POSITION" || old.get("min").is_some() {
+            let (least, most) = bounds(&data, picked);
+            rest += &format!(", \"min\": {least}, \"max\": {most}");
+        }
+        let new = self.append.attribute(&data, &kind, picked, &rest);
+        self.attributes.insert((split, source), new);
+        Ok(new)
+    }
+
+    /// Triangles of one page in the document's winding.
+    fn indices(&mut self, baked: &Baked, page: u32, split: usize) -> usize {
+        let charted = &self.atlas.parts[baked.part];
+        let mirrored = self.scene.parts[baked.part].mirrored;
+        let home = |chart: u32| match chart {
+            NO_CHART => baked.pages.first() == Some(&page),
+            chart => self.atlas.charts[chart as usize].page == page,
+        };
+        let of_page = charted.triangles.iter().zip(&charted.chart).filter(|(_, chart)| home(**chart));
+        let list: Vec<u32> =
+            of_page.flat_map(|(&[a, b, c], _)| if mirrored { [a, c, b] } else { [a, b, c] }).collect();
+        if let Some((_, done)) = self.splits[split].indices.iter().find(|(written, _)| *written == list) {
+            return *done;
+        }
+        let new = self.append.indices(&list);
+        self.splits[split].indices.push((list, new));
+        new
+    }
+}
+
+/// Changes of a primitive's attributes and targets.
+struct VertexEdits<'e> {
+    /// Value in the source → accessor.
+    replaced: Vec<(Element<'e>, usize)>,
+    /// Attribute → accessor.
+    added: Vec<(String, usize)>,
+}

@@ -1,0 +1,231 @@
+//! The baked glTF: the input's text with lightmap coordinates, materials and textures spliced in.
+//!
+//! In: the scene with its source document, the atlas, the names of the pages' files. Out: the contents of the files to
+//! write, the document last. What is added:
+//! * `MOZ_lightmap` on materials (`index`, `texCoord`, `intensity`): a texel times `intensity` is irradiance;
+//! * a texture per page, whose core image is the PNG preview and whose `extras.lightmap.uri` is the EXR, because a
+//!   texture without a core image, or an EXR among the images, makes loaders refuse the file;
+//! * `extras.lightmap` on the scenes that show baked nodes: a manifest of the pages;
+//! * a mesh per baked node that shares every accessor but its lightmap coordinates (`mesh`);
+//! * TEXCOORD_0 of zeros where there is none, since numbered attributes must not leave gaps.
+//!
+//! Nothing is renumbered or taken away; every byte of the JSON outside of these places stays.
+//!
+//! Known limits: animations that point into a material do not reach its copies for further pages. With `extras` of a
+//! scene that is no object there is no place for the manifest; the textures still name the EXR files.
+
+mod append;
+mod container;
+mod material;
+mod mesh;
+mod plan;
+mod reader;
+
+use super::Error;
+use super::names::PageFiles;
+use super::names::parent;
+use super::names::relative_uri;
+use super::splice::Element;
+use super::splice::Fault;
+use super::splice::Splice;
+use super::splice::quoted;
+use crate::atlas::Atlas;
+use crate::base::Warned;
+use crate::base::Warning;
+use crate::scene::Scene;
+use append::Append;
+use container::Container;
+use container::Files;
+use mesh::Meshes;
+use plan::Elements;
+use plan::Instance;
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+
+/// What a lightmap texel holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Quantity {
+    /// E/π: radiance of a white diffuse surface [cd/m²].
+    #[default]
+    Radiosity,
+    /// E [lx].
+    Irradiance,
+}
+
+impl Quantity {
+    /// Its name in files and options.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Radiosity => "radiosity",
+            Self::Irradiance => "irradiance",
+        }
+    }
+
+    /// Factor from texel to irradiance, as JSON.
+    const fn intensity(self) -> &'static str {
+        match self {
+            Self::Radiosity => "3.141592653589793",
+            Self::Irradiance => "1",
+        }
+    }
+}
+
+/// How to write the document.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// What the lightmap holds.
+    pub quantity: Quantity,
+    /// The file to write; `.glb` makes a GLB, anything else JSON with files beside it.
+    pub output: PathBuf,
+    /// Name and version of the program, added to `asset.generator`.
+    pub generator: String,
+}
+
+/// The contents of the baked document and of the buffers beside it, the document last.
+///
+/// Warnings: `lightmap-uv-set`, `renumbered-vertices`, `glb-chunk-dropped`, `scene-extras`.
+///
+/// # Errors
+/// If scene, atlas and pages do not belong together, or a name cannot be expressed as a URI.
+pub fn write_gltf(
+    scene: &Scene,
+    atlas: &Atlas,
+    pages: &[PageFiles],
+    settings: &Settings,
+) -> Result<Warned<Vec<(PathBuf, Vec<u8>)>>, Error> {
+    let document = &scene.document;
+    let mut warnings = Vec::new();
+    if pages.len() != atlas.pages as usize {
+        return Err(Error::invalid(&document.path, format!("{} files for {} pages", pages.len(), atlas.pages)));
+    }
+    let fault = |e: Fault| Error::invalid(&document.path, e.to_string());
+    let root = Element::root(&document.json).map_err(fault)?;
+    let elements = Elements::new(&root);
+    let instances = plan::instances(scene, atlas, &elements, &mut warnings)?;
+    let materials = plan::material_users(&instances, &elements).assign(elements.materials.len());
+    let append = Append::new(root.array("bufferViews").len(), elements.accessors.len());
+    let mut meshes = Meshes::new(scene, atlas, &elements, &materials, append);
+    let mut splice = Splice::new(&document.json);
+
+    let mut new_meshes = Vec::new();
+    for instance in &instances {
+        let text = meshes.mesh(instance, &mut warnings)?;
+        if instance.in_place {
+            splice.replace(&elements.meshes[instance.mesh], text);
+        } else {
+            let index = elements.meshes.len() + new_meshes.len();
+            splice.set(&elements.nodes[instance.node], "mesh", index.to_string()).map_err(fault)?;
+            new_meshes.push(text);
+        }
+    }
+    splice.append_at(&root, "meshes", new_meshes).map_err(fault)?;
+    if !instances.is_empty() {
+        let uris = PageUris::new(pages, settings)?;
+        let first_texture = root.array("textures").len();
+        materials.write(&mut splice, &root, first_texture, settings.quantity).map_err(fault)?;
+        textures(&mut splice, &root, &uris).map_err(fault)?;
+        let manifest = manifest(atlas, &uris, first_texture, settings.quantity);
+        manifests(&mut splice, &root, &elements, &instances, &manifest, &mut warnings).map_err(fault)?;
+    }
+    generator(&mut splice, &root, &settings.generator).map_err(fault)?;
+    let container = Container::new(document, &root, &settings.output);
+    let bytes = container.place(&mut splice, &root, meshes.append, &mut warnings)?;
+    let output: Files = container.assemble(splice.apply().map_err(fault)?, bytes)?;
+    Ok(Warned { output, warnings })
+}
+
+/// URIs of a page's files from the document's folder, and the page's name.
+struct PageUris {
+    pages: Vec<(String, String, String)>,
+}
+
+impl PageUris {
+    fn new(pages: &[PageFiles], settings: &Settings) -> Result<Self, Error> {
+        let folder = parent(&settings.output);
+        let page = |page: &PageFiles| {
+            let name = page.exr.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            Ok((relative_uri(folder, &page.exr)?, relative_uri(folder, &page.png)?, name))
+        };
+        Ok(Self { pages: pages.iter().map(page).collect::<Result<_, Error>>()? })
+    }
+}
+
+/// Sampler, images and textures of the pages, and the name of the extension.
+fn textures(splice: &mut Splice<'_>, root: &Element<'_>, uris: &PageUris) -> Result<(), Fault> {
+    let (sampler, first_image) = (root.array("samplers").len(), root.array("images").len());
+    let (mut images, mut textures) = (Vec::new(), Vec::new());
+    for (i, (exr, png, name)) in uris.pages.iter().enumerate() {
+        images.push(format!("{{\"name\": {}, \"uri\": {}}}", quoted(&format!("{name}.preview")), quoted(png)));
+        textures.push(format!(
+            "{{\"name\": {}, \"sampler\": {sampler}, \"source\": {}, \"extras\": {{\"lightmap\": {{\"uri\": {}}}}}}}",
+            quoted(name),
+            first_image + i,
+            quoted(exr)
+        ));
+    }
+    // LINEAR for minification too: mip levels would mix charts. CLAMP_TO_EDGE in both directions.
+    let linear = "{\"magFilter\": 9729, \"minFilter\": 9729, \"wrapS\": 33071, \"wrapT\": 33071}";
+    splice.append_at(root, "samplers", vec![linear.to_owned()])?;
+    splice.append_at(root, "images", images)?;
+    splice.append_at(root, "textures", textures)?;
+    if !root.array("extensionsUsed").iter().any(|e| e.string().as_deref() == Some("MOZ_lightmap")) {
+        splice.append_at(root, "extensionsUsed", vec!["\"MOZ_lightmap\"".to_owned()])?;
+    }
+    Ok(())
+}
+
+fn manifest(atlas: &Atlas, uris: &PageUris, first_texture: usize, quantity: Quantity) -> String {
+    let [width, height] = atlas.page_size;
+    let page = |(i, (exr, _, _)): (usize, &(String, String, String))| {
+        let (uri, texture) = (quoted(exr), first_texture + i);
+        format!("{{\"uri\": {uri}, \"texture\": {texture}, \"width\": {width}, \"height\": {height}}}")
+    };
+    let pages: Vec<String> = uris.pages.iter().enumerate().map(page).collect();
+    format!(
+        "{{\"version\": 1, \"quantity\": \"{}\", \"texCoord\": 1, \"pages\": [{}]}}",
+        quantity.name(),
+        pages.join(", ")
+    )
+}
+
+/// Puts the manifest into every scene that shows a baked node.
+fn manifests(
+    splice: &mut Splice<'_>,
+    root: &Element<'_>,
+    elements: &Elements<'_>,
+    instances: &[Instance],
+    manifest: &str,
+    warnings: &mut Vec<Warning>,
+) -> Result<(), Fault> {
+    let baked: BTreeSet<usize> = instances.iter().map(|i| i.node).collect();
+    for (i, scene) in root.array("scenes").iter().enumerate() {
+        let mut seen = BTreeSet::new();
+        let mut open: Vec<usize> = scene.array("nodes").iter().filter_map(Element::index).collect();
+        while let Some(node) = open.pop() {
+            if seen.insert(node) {
+                let children = elements.nodes.get(node).map(|n| n.array("children")).unwrap_or_default();
+                open.extend(children.iter().filter_map(Element::index));
+            }
+        }
+        if seen.is_disjoint(&baked) {
+            continue;
+        }
+        if scene.get("extras").is_some_and(|e| !e.is_object()) {
+            let message = format!("the extras of scene {i} are no object; the list of lightmap pages was left out");
+            warnings.push(Warning::new("scene-extras", message));
+            continue;
+        }
+        splice.set_path(scene, &["extras", "lightmap"], manifest)?;
+    }
+    Ok(())
+}
+
+fn generator(splice: &mut Splice<'_>, root: &Element<'_>, ours: &str) -> Result<(), Fault> {
+    let old = root.find(&["asset", "generator"]).and_then(|g| g.string()).filter(|g| !g.is_empty());
+    match old {
+        Some(old) if old.ends_with(ours) => Ok(()),
+        Some(old) => splice.set_path(root, &["asset", "generator"], quoted(&format!("{old}; {ours}"))),
+        None => splice.set_path(root, &["asset", "generator"], quoted(ours)),
+    }
+}

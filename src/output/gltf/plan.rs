@@ -1,0 +1,213 @@
+//! Which node gets which lightmapped mesh.
+//!
+//! In: scene, atlas and the document's elements. Out: one [`Instance`] per node that has light on it.
+//!
+//! A primitive is baked if a chart lies on one of its triangles. Its lightmap is on TEXCOORD_1, unless textures of its
+//! material read a TEXCOORD_1 that would have to change; then it is on the next free set. The first instance of a mesh
+//! takes the mesh's place if every node that uses the mesh is baked; all other instances go behind the existing meshes.
+
+use super::material::Use;
+use super::material::Users;
+use super::material::reads_uv_set;
+use crate::atlas::Atlas;
+use crate::atlas::ChartedPart;
+use crate::atlas::NO_CHART;
+use crate::base::Warning;
+use crate::output::Error;
+use crate::output::splice::Element;
+use crate::scene::Scene;
+use glam::Vec2;
+use std::collections::BTreeMap;
+use std::collections::BTreeSet;
+
+/// How far [texels] an existing TEXCOORD_1 may be from the wanted place to be used as it is: well below what a bilinear
+/// look-up shows at half precision.
+const SAME_PLACE: f32 = 1.0 / 256.0;
+
+/// A node with light on it.
+pub(super) struct Instance {
+    pub(super) node: usize,
+    pub(super) mesh: usize,
+    /// Primitive of the mesh → what is baked on it.
+    pub(super) baked: BTreeMap<usize, Baked>,
+    /// It replaces the source mesh.
+    pub(super) in_place: bool,
+}
+
+/// A primitive with light on it.
+pub(super) struct Baked {
+    /// Index into the scene's and the atlas's parts.
+    pub(super) part: usize,
+    /// Pages that its triangles lie on, in order.
+    pub(super) pages: Vec<u32>,
+    /// n of its lightmap's TEXCOORD_n.
+    pub(super) set: usize,
+    /// The TEXCOORD_n that is there already is right.
+    pub(super) keep_uv: bool,
+    /// Output vertices equal source vertices.
+    pub(super) unsplit: bool,
+}
+
+/// The elements of a document that a plan looks at.
+pub(super) struct Elements<'a> {
+    pub(super) nodes: Vec<Element<'a>>,
+    pub(super) materials: Vec<Element<'a>>,
+    pub(super) accessors: Vec<Element<'a>>,
+    pub(super) meshes: Vec<Element<'a>>,
+    /// By mesh.
+    pub(super) primitives: Vec<Vec<Element<'a>>>,
+}
+
+impl<'a> Elements<'a> {
+    pub(super) fn new(root: &Element<'a>) -> Self {
+        let meshes = root.array("meshes");
+        Self {
+            nodes: root.array("nodes"),
+            materials: root.array("materials"),
+            accessors: root.array("accessors"),
+            primitives: meshes.iter().map(|m| m.array("primitives")).collect(),
+            meshes,
+        }
+    }
+}
+
+/// All instances, in the order in which the scene has their nodes.
+pub(super) fn instances(
+    scene: &Scene,
+    atlas: &Atlas,
+    elements: &Elements<'_>,
+    warnings: &mut Vec<Warning>,
+) -> Result<Vec<Instance>, Error> {
+    let fail = |message: String| Error::invalid(&scene.document.path, message);
+    if atlas.parts.len() != scene.parts.len() {
+        return Err(fail(format!("{} parts, but {} are charted", scene.parts.len(), atlas.parts.len())));
+    }
+    let mut all: Vec<Instance> = Vec::new();
+    let mut by_node: BTreeMap<usize, usize> = BTreeMap::new();
+    for (p, (part, charted)) in scene.parts.iter().zip(&atlas.parts).enumerate() {
+        check(charted, atlas).map_err(|why| fail(format!("{}, primitive {}: {why}", part.name, part.primitive)))?;
+        let pages: BTreeSet<u32> =
+            charted.chart.iter().filter(|&&c| c != NO_CHART).map(|&c| atlas.charts[c as usize].page).collect();
+        if pages.is_empty() || !part.receives {
+            continue;
+        }
+        let primitive = elements.primitives.get(part.mesh).and_then(|all| all.get(part.primitive));
+        let (Some(primitive), true) = (primitive, part.node < elements.nodes.len()) else {
+            return Err(fail(format!("{} refers to a mesh or node that the document lacks", part.name)));
+        };
+        let baked = baked(scene, atlas, elements, p, primitive, pages.into_iter().collect());
+        if baked.set != 1 {
+            let message = format!(
+                "primitive {} has textures on TEXCOORD_1, so its lightmap is on TEXCOORD_{}, which few viewers read",
+                part.primitive, baked.set
+            );
+            warnings.push(Warning::new("lightmap-uv-set", message).at(part.name.as_str()));
+        }
+        let at = *by_node.entry(part.node).or_insert(all.len());
+        if at == all.len() {
+            all.push(Instance { node: part.node, mesh: part.mesh, baked: BTreeMap::new(), in_place: false });
+        }
+        if all[at].mesh != part.mesh || all[at].baked.insert(part.primitive, baked).is_some() {
+            return Err(fail(format!("{}: one node places a primitive twice, which glTF cannot express", part.name)));
+        }
+    }
+    let mut unbaked_meshes: BTreeSet<usize> = BTreeSet::new();
+    for (n, node) in elements.nodes.iter().enumerate() {
+        if !by_node.contains_key(&n) {
+            unbaked_meshes.extend(node.index_at("mesh"));
+        }
+    }
+    let mut replaced = BTreeSet::new();
+    for instance in &mut all {
+        instance.in_place = !unbaked_meshes.contains(&instance.mesh) && replaced.insert(instance.mesh);
+    }
+    Ok(all)
+}
+
+fn check(charted: &ChartedPart, atlas: &Atlas) -> Result<(), &'static str> {
+    let vertices = charted.source_vertex.len();
+    if charted.uv.len() != vertices || charted.chart.len() != charted.triangles.len() {
+        return Err("its charts are incomplete");
+    }
+    if charted.triangles.iter().flatten().any(|&v| v as usize >= vertices) {
+        return Err("a charted triangle uses a vertex that does not exist");
+    }
+    let page_exists = |&c: &u32| c == NO_CHART || atlas.charts.get(c as usize).is_some_and(|c| c.page < atlas.pages);
+    if !charted.chart.iter().all(page_exists) {
+        return Err("a triangle lies on a chart or page that does not exist");
+    }
+    if !charted.uv.iter().all(|uv| uv.is_finite()) {
+        return Err("a lightmap coordinate is not finite");
+    }
+    Ok(())
+}
+
+fn baked(
+    scene: &Scene,
+    atlas: &Atlas,
+    elements: &Elements<'_>,
+    part: usize,
+    primitive: &Element<'_>,
+    pages: Vec<u32>,
+) -> Baked {
+    let charted = &atlas.parts[part];
+    let attributes = primitive.get("attributes");
+    let accessor = |name: &str| attributes.and_then(|a| a.index_at(name));
+    let count = accessor("POSITION").and_then(|a| elements.accessors.get(a)).and_then(|a| a.index_at("count"));
+    let identity = charted.source_vertex.iter().enumerate().all(|(i, &v)| i == v as usize);
+    let unsplit = identity && count == Some(charted.source_vertex.len());
+    let keep_uv = unsplit && charted.kept && accessor("TEXCOORD_1").is_some() && in_place(scene, atlas, part);
+    let read_by_textures = || {
+        let materials = materials_of(primitive).into_iter().flatten().filter_map(|m| elements.materials.get(m).copied());
+        materials.chain(primitive.get("extensions")).any(|e| reads_uv_set(&e, 1))
+    };
+    let mut set = 1;
+    if !keep_uv && accessor("TEXCOORD_1").is_some() && read_by_textures() {
+        while accessor(&format!("TEXCOORD_{set}")).is_some() {
+            set += 1;
+        }
+    }
+    Baked { part, pages, set, keep_uv, unsplit }
+}
+
+/// The part's own TEXCOORD_1 is where the atlas wants it.
+fn in_place(scene: &Scene, atlas: &Atlas, part: usize) -> bool {
+    let charted = &atlas.parts[part];
+    let range = &scene.parts[part].vertices;
+    let size = Vec2::new(atlas.page_size[0] as f32, atlas.page_size[1] as f32);
+    let own = scene.vertices.uv.get(1).and_then(|set| set.get(range.start as usize..range.end as usize));
+    let Some(own) = own.filter(|own| own.len() == charted.uv.len()) else { return false };
+    let corners = charted.triangles.iter().zip(&charted.chart).filter(|(_, c)| **c != NO_CHART).flat_map(|(t, _)| t);
+    corners.copied().all(|v| (own[v as usize] * size - charted.uv[v as usize]).abs().max_element() <= SAME_PLACE)
+}
+
+/// The primitive's material, then those of its variants.
+pub(super) fn materials_of(primitive: &Element<'_>) -> Vec<Option<usize>> {
+    let mappings = primitive.find(&["extensions", "KHR_materials_variants"]).map(|v| v.array("mappings"));
+    let variants = mappings.unwrap_or_default().into_iter().filter_map(|m| m.index_at("material")).map(Some);
+    core::iter::once(primitive.index_at("material")).chain(variants).collect()
+}
+
+/// Every use of a material in the output.
+pub(super) fn material_users(instances: &[Instance], elements: &Elements<'_>) -> Users {
+    let mut users = Users::default();
+    let replaced: BTreeSet<usize> = instances.iter().filter(|i| i.in_place).map(|i| i.mesh).collect();
+    for (mesh, primitives) in elements.primitives.iter().enumerate() {
+        if !replaced.contains(&mesh) {
+            primitives.iter().flat_map(materials_of).for_each(|m| users.add(m, None));
+        }
+    }
+    for instance in instances {
+        for (i, primitive) in elements.primitives[instance.mesh].iter().enumerate() {
+            for material in materials_of(primitive) {
+                match instance.baked.get(&i) {
+                    None => users.add(material, None),
+                    Some(b) => {
+                        b.pages.iter().for_each(|&page| users.add(material, Some(Use { page, set: b.set })));
+                    }
+                }
+            }
+        }
+    }
+    users
+}

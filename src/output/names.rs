@@ -1,0 +1,189 @@
+//! Names of the files of a bake, and the relative URIs by which they refer to each other.
+//!
+//! A URI is a relative path with forward slashes, every byte outside RFC 3986's unreserved set percent-encoded. A URI
+//! that the input already had keeps its spelling; when the output lies in another folder it only gets a prefix.
+
+use super::Error;
+use std::fmt::Write;
+use std::path::Component;
+use std::path::Path;
+use std::path::PathBuf;
+
+/// Where the files of one lightmap page go.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PageFiles {
+    /// The lightmap itself.
+    pub exr: PathBuf,
+    /// Its preview, for readers that know no EXR.
+    pub png: PathBuf,
+}
+
+/// The glTF file that `-o` asks for: `output` itself, or the input's name in it if it is a folder (it exists, or ends
+/// in a separator).
+#[must_use]
+pub fn document_path(input: &Path, output: &Path) -> PathBuf {
+    let text = output.as_os_str().as_encoded_bytes();
+    let folder = output.is_dir() || text.last().is_some_and(|&b| b == b'/' || (cfg!(windows) && b == b'\\'));
+    if folder { output.join(input.file_name().unwrap_or_default()) } else { output.to_path_buf() }
+}
+
+/// `out/room.glb`, `lightmap0.exr` → `out/room.lightmap0.exr`.
+#[must_use]
+pub fn beside(document: &Path, suffix: &str) -> PathBuf {
+    let mut name = document.file_stem().unwrap_or_default().to_os_string();
+    name.push(".");
+    name.push(suffix);
+    document.with_file_name(name)
+}
+
+/// The files of `pages` lightmap pages beside `document`.
+#[must_use]
+pub fn page_files(document: &Path, pages: u32) -> Vec<PageFiles> {
+    (0..pages)
+        .map(|k| PageFiles {
+            exr: beside(document, &format!("lightmap{k}.exr")),
+            png: beside(document, &format!("lightmap{k}.png")),
+        })
+        .collect()
+}
+
+/// URI by which a file in `folder` refers to the file `target`; both may still be missing.
+///
+/// # Errors
+/// If no relative path leads from one to the other (different drives), or a name cannot be written as UTF-8.
+pub fn relative_uri(folder: &Path, target: &Path) -> Result<String, Error> {
+    let name = target
+        .file_name()
+        .ok_or_else(|| Error::invalid(target, "is not the name of a file that a URI can point to"))?;
+    let prefix = uri_prefix(folder, parent(target))?;
+    Ok(prefix + &encode(text(target, name)?))
+}
+
+/// What to put before a URI that is relative to `of`, so that it is right from `from`: empty, or `../a/`.
+///
+/// # Errors
+/// As for [`relative_uri`].
+pub fn uri_prefix(from: &Path, of: &Path) -> Result<String, Error> {
+    let (from_full, of_full) = (resolved(from)?, resolved(of)?);
+    let (a, b): (Vec<_>, Vec<_>) = (from_full.components().collect(), of_full.components().collect());
+    let common = a.iter().zip(&b).take_while(|(x, y)| x == y).count();
+    if common == 0 {
+        return Err(Error::invalid(of, format!("no relative path leads here from {}", from.display())));
+    }
+    let mut uri = "../".repeat(a.len() - common);
+    for component in &b[common..] {
+        uri += &encode(text(of, component.as_os_str())?);
+        uri.push('/');
+    }
+    Ok(uri)
+}
+
+/// Adds `prefix` to a URI unless it is absolute (`data:`, `https:`, `/…`) or empty.
+#[must_use]
+pub fn rebased(uri: &str, prefix: &str) -> String {
+    let scheme = uri.find(':').is_some_and(|colon| {
+        uri[..colon].chars().all(|c| c.is_ascii_alphanumeric() || "+-.".contains(c))
+            && uri.starts_with(|c: char| c.is_ascii_alphabetic())
+    });
+    if scheme || uri.starts_with('/') || uri.is_empty() { uri.to_owned() } else { format!("{prefix}{uri}") }
+}
+
+/// Percent-encodes one path component.
+#[must_use]
+pub fn encode(component: &str) -> String {
+    component.bytes().fold(String::new(), |mut out, b| {
+        if b.is_ascii_alphanumeric() || b"-._~".contains(&b) {
+            out.push(char::from(b));
+        } else {
+            // Writing to a string cannot fail.
+            let _ = write!(out, "%{b:02X}");
+        }
+        out
+    })
+}
+
+/// The folder that a file lies in; `.` for a bare name.
+#[must_use]
+pub fn parent(file: &Path) -> &Path {
+    match file.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    }
+}
+
+fn text<'a>(path: &Path, name: &'a std::ffi::OsStr) -> Result<&'a str, Error> {
+    name.to_str().ok_or_else(|| Error::invalid(path, "the name is not UTF-8, so no URI can point to it; rename it"))
+}
+
+/// Absolute path without links or `..`; the part that does not exist yet is taken literally.
+fn resolved(folder: &Path) -> Result<PathBuf, Error> {
+    let absolute = std::path::absolute(folder).map_err(|e| Error::io(folder, "find the folder", e))?;
+    let mut existing = absolute.as_path();
+    let mut rest = Vec::new();
+    loop {
+        if let Ok(found) = existing.canonicalize() {
+            let mut out = found;
+            for component in rest.iter().rev() {
+                match component {
+                    Component::ParentDir => {
+                        out.pop();
+                    }
+                    Component::CurDir => {}
+                    other => out.push(other.as_os_str()),
+                }
+            }
+            return Ok(out);
+        }
+        let (Some(up), Some(last)) = (existing.parent(), existing.components().next_back()) else {
+            return Ok(absolute);
+        };
+        rest.push(last);
+        existing = up;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_of_a_bake() {
+        assert_eq!(beside(Path::new("out/my room.v2.glb"), "lightmap1.exr"), Path::new("out/my room.v2.lightmap1.exr"));
+        assert_eq!(
+            document_path(Path::new("in/a.gltf"), Path::new("no-such-folder/")),
+            Path::new("no-such-folder/a.gltf")
+        );
+        assert_eq!(document_path(Path::new("in/a.gltf"), Path::new("b.glb")), Path::new("b.glb"));
+        assert_eq!(page_files(Path::new("a.glb"), 2)[1].png, Path::new("a.lightmap1.png"));
+    }
+
+    #[test]
+    fn uris_lead_from_one_folder_to_the_other() {
+        let root = tempfile::tempdir().unwrap();
+        let (a, b) = (root.path().join("in put"), root.path().join("out/deep"));
+        std::fs::create_dir_all(&a).unwrap();
+        assert_eq!(uri_prefix(&b, &a).unwrap(), "../../in%20put/");
+        assert_eq!(uri_prefix(&a, &a.join(".")).unwrap(), "");
+        assert_eq!(uri_prefix(&b.join("../x"), &b).unwrap(), "../deep/");
+        assert_eq!(relative_uri(&b, &b.join("50% #1 ü.exr")).unwrap(), "50%25%20%231%20%C3%BC.exr");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_are_followed_before_going_up() {
+        let root = tempfile::tempdir().unwrap();
+        std::fs::create_dir_all(root.path().join("far/away")).unwrap();
+        std::fs::create_dir_all(root.path().join("in")).unwrap();
+        std::os::unix::fs::symlink(root.path().join("far/away"), root.path().join("out")).unwrap();
+        assert_eq!(uri_prefix(&root.path().join("out"), &root.path().join("in")).unwrap(), "../../in/");
+    }
+
+    #[test]
+    fn only_relative_uris_are_rebased() {
+        assert_eq!(rebased("t%20ex.png", "../in/"), "../in/t%20ex.png");
+        assert_eq!(rebased("sub/a:b.png", "../in/"), "../in/sub/a:b.png");
+        for fixed in ["data:image/png;base64,AA==", "https://x/y.png", "/root.png", ""] {
+            assert_eq!(rebased(fixed, "../in/"), fixed);
+        }
+    }
+}

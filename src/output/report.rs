@@ -1,0 +1,161 @@
+//! The report of a bake, for machines. The keys are a contract: [`SCHEMA`] goes up when one changes its meaning or goes.
+
+use super::Error;
+use crate::base::Warning;
+use std::path::Path;
+
+/// Version of the keys below.
+pub const SCHEMA: u32 = 1;
+
+/// Everything a build system or a test may want to know of a bake.
+#[derive(Debug, Clone, Default, serde::Serialize)]
+pub struct Report {
+    /// Version of the program.
+    pub version: String,
+    /// [`SCHEMA`].
+    pub schema: u32,
+    /// Files that were read, the document first.
+    pub inputs: Vec<String>,
+    /// Files that were written.
+    pub outputs: Vec<String>,
+    /// Every setting by its long option name.
+    pub settings: serde_json::Map<String, serde_json::Value>,
+    /// What was baked.
+    pub scene: SceneCounts,
+    /// Where it lies on the pages.
+    pub atlas: AtlasCounts,
+    /// The walk and its balance of power.
+    pub walk: Walk,
+    /// The final gather.
+    pub gather: Gather,
+    /// How far from the truth it may be.
+    pub error: EstimatedError,
+    /// Rays of all stages.
+    pub rays: u64,
+    /// `rays` over the seconds of the stages that shot them.
+    pub rays_per_second: f64,
+    /// In the order in which they ran.
+    pub stages: Vec<Stage>,
+    /// Largest resident set [bytes]; 0 where the system does not tell.
+    pub peak_memory_bytes: u64,
+    /// In the order in which they came up.
+    pub warnings: Vec<Warning>,
+}
+
+/// Size of the scene.
+#[derive(Debug, Clone, Copy, Default, serde::Serialize)]
+pub struct SceneCounts {
+    /// Triangles, instances counted each.
+    pub triangles: u64,
+    /// Primitives as placed by nodes.
+    pub instances: u64,
+    /// Materials of the document.
+    pub materials: u64,
+    /// Punctual lights.
+    pub lights: u64,
+}
+
+/// Size of the atlas.
+#[derive(Debug, Clone, Copy, Default, serde::Serialize)]
+pub struct AtlasCounts {
+    /// Lightmap pages.
+    pub pages: u32,
+    /// Width and height [texels].
+    pub page_size: [u32; 2],
+    /// Charts on all pages.
+    pub charts: u64,
+    /// Texels that a chart covers.
+    pub texels: u64,
+    /// Covered part of all pages, in [0, 1].
+    pub utilization: f64,
+}
+
+/// The walk. Powers are linear Rec.709 [lm]; in = absorbed + escaped + residual.
+#[derive(Debug, Clone, Copy, Default, serde::Serialize)]
+pub struct Walk {
+    /// Lines that were shot.
+    pub lines: u64,
+    /// Bounces until it stopped.
+    pub bounces: u32,
+    /// Power that the light sources put on surfaces.
+    pub power_in: [f64; 3],
+    /// Power that surfaces kept.
+    pub power_absorbed: [f64; 3],
+    /// Power that left the scene.
+    pub power_escaped: [f64; 3],
+    /// Power that was not shot any more.
+    pub power_residual: [f64; 3],
+}
+
+/// The final gather.
+#[derive(Debug, Clone, Copy, Default, serde::Serialize)]
+pub struct Gather {
+    /// Rays of all texels.
+    pub rays: u64,
+    /// Mean over the texels.
+    pub rays_per_texel: f64,
+}
+
+/// Error estimates.
+#[derive(Debug, Clone, Copy, Default, serde::Serialize)]
+pub struct EstimatedError {
+    /// Root mean square error over the mean; `null` where nothing was estimated.
+    pub estimated_nrmse: Option<f64>,
+}
+
+/// Time of one stage.
+#[derive(Debug, Clone, Default, serde::Serialize)]
+pub struct Stage {
+    /// For example `walk`.
+    pub name: String,
+    /// Wall time [s].
+    pub seconds: f64,
+}
+
+impl Report {
+    /// The report as indented JSON with a final line break. `path` is where it will go, for messages.
+    ///
+    /// # Errors
+    /// If it cannot be expressed in JSON.
+    pub fn to_json(&self, path: &Path) -> Result<Vec<u8>, Error> {
+        let mut bytes = serde_json::to_vec_pretty(self).map_err(|e| Error::invalid(path, e.to_string()))?;
+        bytes.push(b'\n');
+        Ok(bytes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Keys of an object in order, nested ones in braces.
+    fn keys(value: &serde_json::Value) -> String {
+        match value {
+            serde_json::Value::Object(map) => {
+                let mut all: Vec<String> = map.iter().map(|(k, v)| format!("{k}{}", keys(v))).collect();
+                all.sort();
+                format!("{{{}}}", all.join(","))
+            }
+            serde_json::Value::Array(items) => items.first().map_or(String::new(), |v| format!("[{}]", keys(v))),
+            _ => String::new(),
+        }
+    }
+
+    #[test]
+    fn the_keys_are_the_contract() {
+        let report = Report {
+            stages: vec![Stage::default()],
+            warnings: vec![Warning::new("some-code", "text").at("node 3")],
+            ..Report::default()
+        };
+        let bytes = report.to_json(Path::new("r.json")).unwrap();
+        let value: serde_json::Value = serde_json::from_slice(&bytes).unwrap();
+        assert_eq!(
+            keys(&value),
+            "{atlas{charts,page_size[],pages,texels,utilization},error{estimated_nrmse},gather{rays,rays_per_texel},\
+             inputs,outputs,peak_memory_bytes,rays,rays_per_second,scene{instances,lights,materials,triangles},schema,\
+             settings{},stages[{name,seconds}],version,walk{bounces,lines,power_absorbed[],power_escaped[],power_in[],\
+             power_residual[]},warnings[{code,message,node}]}"
+        );
+    }
+}

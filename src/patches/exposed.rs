@@ -1,0 +1,115 @@
+//! Which part of a texel is really in the open: texels under a table leg or inside a wall take no part in light.
+//!
+//! In: patches and tracer. Out: `exposed`, the cell mask, and centroids of what is exposed.
+//!
+//! Source: the point lists per texel of O'Donnell ("Precomputed Global Illumination in Frostbite", GDC 2018), as a mask
+//! of 4 × 4 cells. Where we differ: cells are tested only where something stands near or over the texel's centre.
+//!
+//! A point is hidden when at least [`HIDDEN_HITS`] of [`PROBES`] rays over its hemisphere meet the back of single-sided
+//! surfaces: it then lies in a solid. Sheets and double-sided surfaces hide nothing.
+//!
+//! Limits: a floor that is closed in by single-sided surfaces which all face away from it counts as hidden.
+
+use super::cells::MASK_GRID;
+use super::{Patches, SurfacePoint};
+use crate::base::{Frame, parallel, warp};
+use crate::trace::{Ray, Tracer};
+use glam::{Vec2, Vec3};
+
+/// Rays per point. Fewer misjudge points near the mouth of a hollow.
+const PROBES: u32 = 8;
+/// Hits on backs that make a point hidden; one may go astray through a crack.
+const HIDDEN_HITS: u32 = 7;
+/// Height of the short rays that look for things standing on a texel, in texel edges: higher misses skirting boards,
+/// lower meets the surface itself where it is curved.
+const LOW: f32 = 0.06;
+/// Length of these rays in texel edges: half a diagonal and a little.
+const REACH: f32 = 0.75;
+
+/// What was found for one texel.
+struct Found {
+    mask: u16,
+    exposed: f32,
+    position: Vec3,
+}
+
+/// Sets mask, exposed share and centroid of every patch.
+pub(super) fn find(patches: &mut Patches, tracer: &Tracer<'_>) {
+    let found = parallel::map(patches.front, |i| texel(patches, tracer, i));
+    for (i, f) in found.into_iter().enumerate() {
+        let Some(f) = f else { continue };
+        patches.mask[i] = f.mask;
+        let back = patches.back_of[i];
+        for patch in [Some(i), (back != super::NO_PATCH).then_some(back as usize)].into_iter().flatten() {
+            patches.exposed[patch] = f.exposed;
+            if f.exposed > 0.0 {
+                patches.position[patch] = f.position;
+            }
+        }
+    }
+}
+
+/// `None` for a texel that is fully exposed.
+fn texel(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> Option<Found> {
+    let mut center = None;
+    let mut best = f32::INFINITY;
+    patches.cells(patch, 1, |point, area| {
+        let position = tracer.scene().position(point.triangle, point.b);
+        let distance = position.distance_squared(patches.position[patch]) - area;
+        if distance < best {
+            (best, center) = (distance, Some(point));
+        }
+    });
+    let center = center?;
+    if !is_hidden(tracer, center) && !is_crowded(patches, tracer, patch) {
+        return None;
+    }
+    let (mut mask, mut open, mut total, mut sum) = (0u16, 0.0f32, 0.0f32, Vec3::ZERO);
+    for f in patches.fragments.range(patch) {
+        patches.cell_centroids(patch, f, MASK_GRID, |point, centroid, area| {
+            total += area;
+            if !is_hidden(tracer, point) {
+                let cell = |v: f64| ((v * f64::from(MASK_GRID)) as u32).min(MASK_GRID - 1);
+                mask |= 1 << (cell(centroid.y) * MASK_GRID + cell(centroid.x));
+                open += area;
+                sum += tracer.scene().position(point.triangle, point.b) * area;
+            }
+        });
+    }
+    if open >= total {
+        return None;
+    }
+    Some(Found { mask, exposed: open / total, position: sum / open.max(f32::MIN_POSITIVE) })
+}
+
+/// Something stands within the texel.
+fn is_crowded(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> bool {
+    let edge = patches.texel_edge(patch);
+    let frame = Frame::from_normal(patches.normal[patch]);
+    let origin = patches.position[patch] + frame.n * (LOW * edge);
+    (0..8).any(|k| {
+        let (sin, cos) = libm::sincosf(k as f32 * core::f32::consts::FRAC_PI_4);
+        let direction = (frame.s * cos + frame.t * sin) * (REACH * edge);
+        tracer.occluded(&Ray { origin, direction, t_max: 1.0 })
+    })
+}
+
+fn is_hidden(tracer: &Tracer<'_>, point: SurfacePoint) -> bool {
+    let scene = tracer.scene();
+    let frame = Frame::from_normal(scene.geometric_normal(point.triangle));
+    let mut misses = 0;
+    for k in 0..PROBES {
+        let u = Vec2::new((k as f32 + 0.5) / PROBES as f32, (k as f32 * 0.618_034 + 0.3).fract());
+        let direction = frame.to_world(warp::square_to_cosine_hemisphere(u));
+        let origin = tracer.origin_on(point.triangle, point.b, direction);
+        let hit = tracer.closest_hit(&Ray { origin, direction, t_max: f32::INFINITY });
+        let behind = hit.is_some_and(|h| !h.front && !scene.material(h.triangle).double_sided);
+        if !behind {
+            misses += 1;
+            if misses > PROBES - HIDDEN_HITS {
+                return false;
+            }
+        }
+    }
+    true
+}

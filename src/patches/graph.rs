@@ -1,0 +1,180 @@
+//! Links between neighbouring patches: the texel grid's eight neighbours, where light may be shared.
+//!
+//! A link joins two texels of one chart and one side that touch on the surface, face the same way within
+//! [`COS_FACING`], and see each other along two short segments above the surface, one close to it and one higher. So no
+//! link crosses a wall that stands on the floor, or joins the top of a table to its edge.
+//!
+//! Invariants: symmetric, no duplicates, at most eight per patch, neighbours ascending.
+//!
+//! Limits: links end at chart borders, also where the surface goes on.
+
+use super::{NO_PATCH, Patches};
+use crate::base::parallel;
+use crate::trace::{Ray, Tracer};
+
+/// Cosine of the largest angle between linked patches (10°): the paper links coplanar ones; on curved surfaces light
+/// changes by less than 2 % over this angle.
+const COS_FACING: f32 = 0.984_807_75;
+/// Heights of the sight lines in texel edges. The lower one clears the crease of two patches at 10° (0.044 edges).
+const HEIGHTS: [f32; 2] = [0.06, 0.3];
+/// Least shared length of two texels that touch, in texel edges.
+const LEAST_CONTACT: f64 = 1e-3;
+
+/// Neighbours that come later in row order; the other four follow by symmetry.
+const FORWARD: [(i32, i32); 4] = [(1, 0), (0, 1), (1, 1), (-1, 1)];
+
+/// Neighbours of every patch, compressed rows.
+#[derive(Debug, Default)]
+pub struct PatchGraph {
+    first: Vec<u32>,
+    neighbors: Vec<u32>,
+}
+
+impl PatchGraph {
+    /// Finds the links of all patches.
+    #[must_use]
+    pub fn new(patches: &Patches, tracer: &Tracer<'_>) -> Self {
+        let contact = parallel::map(patches.front, |i| contacts(patches, i));
+        let links = parallel::map(patches.len(), |i| {
+            let front = patches.front_patch(i);
+            core::array::from_fn::<u32, 4, _>(|k| {
+                forward_neighbor(patches, &contact, front, k)
+                    .map(|j| if patches.is_back(i) { patches.back_of[j] } else { j as u32 })
+                    .filter(|&j| j != NO_PATCH && linked(patches, tracer, i, j as usize))
+                    .unwrap_or(NO_PATCH)
+            })
+        });
+        Self::from_forward(&links)
+    }
+
+    fn from_forward(links: &[[u32; 4]]) -> Self {
+        let mut degree = vec![0u32; links.len() + 1];
+        let pairs = || {
+            links
+                .iter()
+                .enumerate()
+                .flat_map(|(i, row)| row.iter().filter(|&&j| j != NO_PATCH).map(move |&j| (i as u32, j)))
+        };
+        for (i, j) in pairs() {
+            degree[i as usize + 1] += 1;
+            degree[j as usize + 1] += 1;
+        }
+        for i in 1..degree.len() {
+            degree[i] += degree[i - 1];
+        }
+        let first = degree.clone();
+        let mut neighbors = vec![0; first[links.len()] as usize];
+        for (i, j) in pairs() {
+            for (from, to) in [(i, j), (j, i)] {
+                neighbors[degree[from as usize] as usize] = to;
+                degree[from as usize] += 1;
+            }
+        }
+        for i in 0..links.len() {
+            neighbors[first[i] as usize..first[i + 1] as usize].sort_unstable();
+        }
+        Self { first, neighbors }
+    }
+
+    /// Linked patches of a patch, ascending.
+    #[must_use]
+    pub fn neighbors(&self, patch: usize) -> &[u32] {
+        &self.neighbors[self.first[patch] as usize..self.first[patch + 1] as usize]
+    }
+
+    /// Number of directed links.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.neighbors.len()
+    }
+
+    /// No link at all.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.neighbors.is_empty()
+    }
+
+    /// Bytes held.
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        4 * (self.first.len() + self.neighbors.len())
+    }
+}
+
+/// Touches the neighbour at +x (bit 0) and at +y (bit 1) along their common texel border.
+fn contacts(patches: &Patches, i: usize) -> u8 {
+    let (x, y) = patches.texel_xy(i);
+    let page = patches.page(i);
+    let mut bits = 0;
+    for (axis, (dx, dy)) in [(0, (1, 0)), (1, (0, 1))] {
+        let Some(j) = patches.grid_at(page, x as i32 + dx, y as i32 + dy) else { continue };
+        if patches.chart[i] == patches.chart[j as usize] && touch(patches, i, j as usize, axis) {
+            bits |= 1 << axis;
+        }
+    }
+    bits
+}
+
+fn touch(patches: &Patches, i: usize, j: usize, axis: usize) -> bool {
+    let full = |p: usize| {
+        let range = patches.fragments.range(p);
+        patches.fragments.covered[range].iter().fold(0.0, |a, b| a + b) > 0.999_999
+    };
+    if full(i) && full(j) {
+        return true;
+    }
+    let (a, b) = (border(patches, i, axis, 1.0), border(patches, j, axis, 0.0));
+    let overlap = |p: &(f64, f64), q: &(f64, f64)| (p.1.min(q.1) - p.0.max(q.0)).max(0.0);
+    let shared = a.iter().flat_map(|p| b.iter().map(move |q| overlap(p, q))).fold(0.0, f64::max);
+    shared > LEAST_CONTACT
+}
+
+/// Where the texel's polygons meet its border `axis` = `at`, as intervals of the other axis.
+fn border(patches: &Patches, patch: usize, axis: usize, at: f64) -> Vec<(f64, f64)> {
+    let mut intervals = vec![];
+    for f in patches.fragments.range(patch) {
+        let polygon = patches.polygon(patch, f);
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for c in polygon.corners().iter().filter(|c| (c[axis] - at).abs() < 1e-7) {
+            low = low.min(c[1 - axis]);
+            high = high.max(c[1 - axis]);
+        }
+        if high > low {
+            intervals.push((low, high));
+        }
+    }
+    intervals
+}
+
+/// The k-th forward neighbour, if a path of touching texels leads there around the common corner.
+fn forward_neighbor(patches: &Patches, contact: &[u8], i: usize, k: usize) -> Option<usize> {
+    let (x, y) = patches.texel_xy(i);
+    let page = patches.page(i);
+    let at = |dx: i32, dy: i32| patches.grid_at(page, x as i32 + dx, y as i32 + dy).map(|j| j as usize);
+    let right = |p: usize| contact[p] & 1 != 0;
+    let down = |p: usize| contact[p] & 2 != 0;
+    let (dx, dy) = FORWARD[k];
+    let j = at(dx, dy)?;
+    let joined = match (dx, dy) {
+        (1, 0) => right(i),
+        (0, 1) => down(i),
+        (1, 1) => (right(i) && at(1, 0).is_some_and(down)) || (down(i) && at(0, 1).is_some_and(right)),
+        _ => (at(-1, 0).is_some_and(|left| right(left) && down(left))) || (down(i) && right(j)),
+    };
+    joined.then_some(j)
+}
+
+fn linked(patches: &Patches, tracer: &Tracer<'_>, i: usize, j: usize) -> bool {
+    if patches.exposed[i] <= 0.0 || patches.exposed[j] <= 0.0 {
+        return false;
+    }
+    if patches.normal[i].dot(patches.normal[j]) < COS_FACING {
+        return false;
+    }
+    let edge = patches.texel_edge(i).min(patches.texel_edge(j));
+    HEIGHTS.iter().all(|height| {
+        let origin = patches.position[i] + patches.normal[i] * (height * edge);
+        let target = patches.position[j] + patches.normal[j] * (height * edge);
+        !tracer.occluded(&Ray { origin, direction: target - origin, t_max: 1.0 })
+    })
+}

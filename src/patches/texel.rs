@@ -1,0 +1,189 @@
+//! Charts → texel patches: which triangles reach into which texel, and the patch that they form together.
+
+use super::{Fragments, NO_PATCH, Patches, SurfaceTriangle};
+use crate::atlas::{Atlas, NO_CHART, raster};
+use crate::base::{Rgb, parallel};
+use crate::scene::Scene;
+use glam::{DVec3, Vec2, Vec3};
+use rayon::slice::ParallelSliceMut;
+
+/// Points per texel side at which textured reflectance and emission are read.
+const TEXTURE_GRID: u32 = 4;
+
+/// One triangle within one texel, while they are collected.
+struct Piece {
+    texel: u32,
+    triangle: u32,
+    covered: f32,
+}
+
+/// What the pieces of one texel add up to.
+struct Texel {
+    area: f64,
+    centroid: Vec3,
+    normal: Vec3,
+    reflectance: Rgb,
+    emission: Rgb,
+    two_sided: bool,
+    chart: u32,
+}
+
+/// The patches of an atlas, all fully exposed.
+pub(super) fn patches(scene: &Scene, atlas: &Atlas) -> Patches {
+    let (surface, chart) = surface_triangles(scene, atlas);
+    let pieces = collect(&surface, atlas.page_size);
+    let fragments = group(&pieces);
+    let front = fragments.first.len() - 1;
+    let mut patches = Patches {
+        front,
+        texel: (0..front).map(|i| pieces[fragments.first[i] as usize].texel).collect(),
+        page_size: atlas.page_size,
+        grid: vec![NO_PATCH; atlas.page_size[0] as usize * atlas.page_size[1] as usize * atlas.pages as usize],
+        mask: vec![u16::MAX; front],
+        fragments,
+        surface,
+        ..Patches::default()
+    };
+    for (i, &texel) in patches.texel.iter().enumerate() {
+        patches.grid[texel as usize] = i as u32;
+    }
+    let texels = parallel::map(front, |i| summarise(scene, &patches, &chart, i));
+    fill(&mut patches, &texels);
+    patches
+}
+
+fn surface_triangles(scene: &Scene, atlas: &Atlas) -> (Vec<SurfaceTriangle>, Vec<u32>) {
+    let mut surface = Vec::with_capacity(scene.triangles.len());
+    let mut charts = Vec::with_capacity(scene.triangles.len());
+    for (part, charted) in scene.parts.iter().zip(&atlas.parts) {
+        let two_sided = scene.materials[part.material].double_sided;
+        for (k, corners) in charted.triangles.iter().enumerate() {
+            let uv = corners.map(|v| charted.uv[v as usize]);
+            let [a, b, c] = uv.map(|p| p.as_dvec2());
+            let texels = 0.5 * (b - a).perp_dot(c - a).abs();
+            let chart = charted.chart[k];
+            let usable = chart != NO_CHART && texels > 0.0;
+            let page = if usable { atlas.charts[chart as usize].page } else { NO_PATCH };
+            let scale = if usable { scene.area(part.triangles.start + k as u32) / texels } else { 0.0 };
+            surface.push(SurfaceTriangle { uv, page, scale: scale as f32, two_sided });
+            charts.push(chart);
+        }
+    }
+    (surface, charts)
+}
+
+/// All pieces, ordered by texel and then by triangle.
+fn collect(surface: &[SurfaceTriangle], [width, height]: [u32; 2]) -> Vec<Piece> {
+    let chunks = parallel::map_chunks(surface.len(), 256, |range| {
+        let mut pieces = vec![];
+        for triangle in range {
+            let t = &surface[triangle];
+            if t.page == NO_PATCH {
+                continue;
+            }
+            raster::cover(t.uv, |x, y, polygon| {
+                if (0..width as i32).contains(&x) && (0..height as i32).contains(&y) {
+                    let texel = (t.page * height + y as u32) * width + x as u32;
+                    pieces.push(Piece { texel, triangle: triangle as u32, covered: polygon.area() as f32 });
+                }
+            });
+        }
+        pieces
+    });
+    let mut pieces: Vec<Piece> = chunks.into_iter().flatten().collect();
+    pieces.par_sort_unstable_by_key(|p| (p.texel, p.triangle));
+    pieces
+}
+
+fn group(pieces: &[Piece]) -> Fragments {
+    let mut first = vec![];
+    for (k, p) in pieces.iter().enumerate() {
+        if k == 0 || pieces[k - 1].texel != p.texel {
+            first.push(k as u32);
+        }
+    }
+    first.push(pieces.len() as u32);
+    Fragments {
+        first,
+        triangle: pieces.iter().map(|p| p.triangle).collect(),
+        covered: pieces.iter().map(|p| p.covered).collect(),
+    }
+}
+
+fn summarise(scene: &Scene, patches: &Patches, charts: &[u32], patch: usize) -> Texel {
+    let mut sum = Texel {
+        area: 0.0,
+        centroid: Vec3::ZERO,
+        normal: Vec3::ZERO,
+        reflectance: Rgb::ZERO,
+        emission: Rgb::ZERO,
+        two_sided: false,
+        chart: NO_CHART,
+    };
+    let (mut centroid, mut normal, mut largest) = (DVec3::ZERO, DVec3::ZERO, -1.0f32);
+    for f in patches.fragments.range(patch) {
+        let triangle = patches.fragments.triangle[f];
+        let covered = patches.fragments.covered[f];
+        let surface = &patches.surface[triangle as usize];
+        let area = f64::from(covered) * f64::from(surface.scale);
+        let polygon = patches.polygon(patch, f);
+        let center = patches.barycentric(triangle, patch, polygon.centroid());
+        centroid += scene.position(triangle, center).as_dvec3() * area;
+        normal += scene.geometric_normal(triangle).as_dvec3() * area;
+        let (reflectance, emission) = mean_material(scene, patches, patch, f, center);
+        sum.reflectance += reflectance * area as f32;
+        sum.emission += emission * area as f32;
+        sum.area += area;
+        sum.two_sided |= surface.two_sided;
+        if covered > largest {
+            largest = covered;
+            sum.chart = charts[triangle as usize];
+        }
+    }
+    let inverse = 1.0 / sum.area.max(f64::MIN_POSITIVE);
+    sum.centroid = (centroid * inverse).as_vec3();
+    sum.normal = normal.normalize_or_zero().as_vec3();
+    sum.reflectance *= inverse as f32;
+    sum.emission *= inverse as f32;
+    sum
+}
+
+/// Mean reflectance and emission over one fragment; one look where the material does not vary.
+fn mean_material(scene: &Scene, patches: &Patches, patch: usize, fragment: usize, center: Vec2) -> (Rgb, Rgb) {
+    let triangle = patches.fragments.triangle[fragment];
+    let material = scene.material(triangle);
+    let plain = material.base_color_texture.is_none()
+        && material.metallic_texture.is_none()
+        && material.emission_texture.is_none();
+    if plain {
+        return (scene.reflectance(triangle, center), scene.emission(triangle, center));
+    }
+    let (mut reflectance, mut emission, mut weight) = (Rgb::ZERO, Rgb::ZERO, 0.0);
+    patches.fragment_cells(patch, fragment, TEXTURE_GRID, |point, area| {
+        reflectance += scene.reflectance(triangle, point.b) * area;
+        emission += scene.emission(triangle, point.b) * area;
+        weight += area;
+    });
+    (reflectance / weight.max(f32::MIN_POSITIVE), emission / weight.max(f32::MIN_POSITIVE))
+}
+
+fn fill(patches: &mut Patches, texels: &[Texel]) {
+    patches.chart = texels.iter().map(|t| t.chart).collect();
+    patches.front_of = (0..texels.len()).filter(|&i| texels[i].two_sided).map(|i| i as u32).collect();
+    patches.back_of = vec![NO_PATCH; texels.len()];
+    for (k, &i) in patches.front_of.iter().enumerate() {
+        patches.back_of[i as usize] = (texels.len() + k) as u32;
+    }
+    let backs: Vec<&Texel> = patches.front_of.iter().map(|&i| &texels[i as usize]).collect();
+    let both = || texels.iter().chain(backs.iter().copied());
+    patches.position = both().map(|t| t.centroid).collect();
+    patches.normal = texels.iter().map(|t| t.normal).chain(backs.iter().map(|t| -t.normal)).collect();
+    patches.area = both().map(|t| t.area as f32).collect();
+    patches.exposed = vec![1.0; patches.area.len()];
+    patches.reflectance = both().map(|t| t.reflectance).collect();
+    patches.emission = both()
+        .enumerate()
+        .filter(|(_, t)| t.emission.max_element() > 0.0)
+        .map(|(i, t)| (i as u32, t.emission))
+        .collect();
+}

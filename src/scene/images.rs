@@ -1,0 +1,210 @@
+//! Decodes the images that the materials in use need, in parallel: PNG, JPEG and WebP to 8-bit RGBA.
+//!
+//! In: document, materials. Out: one [`Texture`] per texture of the document; those that are not needed are one white
+//! texel. The format is told from the bytes, as many documents state it wrongly. Colour profiles and orientation tags are
+//! ignored (glTF 2.0, section 3.8.3). 16-bit values are rounded to 8 bits.
+//!
+//! Bounds, all checked from the image headers before anything is decoded: [`MAX_SIDE`], [`MAX_PIXELS`], [`MAX_RATIO`].
+
+use super::Document;
+use super::Error;
+use super::Material;
+use super::schema::TextureEntry;
+use super::schema::label;
+use super::texture::Texture;
+use super::texture::Wrap;
+use crate::base::Warning;
+use crate::base::parallel;
+use image::ImageFormat;
+use image::ImageReader;
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+use std::io::Cursor;
+
+/// Largest width and height [px]; larger textures exist on no GPU.
+const MAX_SIDE: u32 = 16_384;
+
+/// Most pixels of all textures together: 4 GiB decoded.
+const MAX_PIXELS: u64 = 1 << 30;
+
+/// Most pixels per byte of file that a PNG can reach (deflate packs 1032 bytes into one, a bit is a pixel); JPEG stays
+/// below 512. Only images that claim more than [`SMALL`] pixels are held to it.
+const MAX_RATIO: u64 = 8 * 1032;
+
+/// Decoding this many pixels is harmless even if the file is lying (64 MiB).
+const SMALL: u64 = 1 << 24;
+
+/// An encoded image that is needed.
+struct Source {
+    bytes: Vec<u8>,
+    format: ImageFormat,
+    /// Image and material, for messages.
+    place: String,
+    /// Width × height.
+    pixels: u64,
+}
+
+/// Decodes what `materials` use.
+pub(super) fn decode(
+    document: &mut Document,
+    materials: &[Material],
+    warnings: &mut Vec<Warning>,
+) -> Result<Vec<Texture>, Error> {
+    let (textures, sources) = collect(document, materials)?;
+    let order: Vec<(&usize, &Source)> = sources.iter().collect();
+    let decoded = parallel::map(order.len(), |i| decode_one(order[i].1));
+    let mut images = BTreeMap::new();
+    for ((index, _), image) in order.iter().zip(decoded) {
+        images.insert(**index, image?);
+    }
+    let mut result = Vec::with_capacity(document.root.textures.len());
+    for (index, entry) in document.root.textures.iter().enumerate() {
+        let (width, height, pixels) = match textures.get(&index) {
+            // Two textures that show one image get a copy each; that is rare, and counted in `MAX_PIXELS`.
+            Some(image) => images[image].clone(),
+            None => (1, 1, vec![[255; 4]]),
+        };
+        let (wrap, nearest) = sampler(document, index, entry, warnings)?;
+        result.push(Texture { width, height, pixels, wrap, nearest });
+    }
+    Ok(result)
+}
+
+/// Texture → image, and image → encoded bytes.
+type Needs = (BTreeMap<usize, usize>, BTreeMap<usize, Source>);
+
+/// All that the materials use; sizes checked.
+fn collect(document: &mut Document, materials: &[Material]) -> Result<Needs, Error> {
+    let mut textures = BTreeMap::new();
+    let mut sources = BTreeMap::<usize, Source>::new();
+    let mut pixels = 0;
+    for material in materials {
+        for texture in material.textures().map(|t| t.texture) {
+            if textures.contains_key(&texture) {
+                continue;
+            }
+            let image = image_of(&document.root.textures[texture])
+                .map_err(|e| e.within(&format!("texture {texture} of material {}", material.name)))?;
+            let source = match sources.entry(image) {
+                Entry::Occupied(known) => known.into_mut(),
+                Entry::Vacant(new) => new.insert(open(document, image, &material.name)?),
+            };
+            pixels += source.pixels;
+            if pixels > MAX_PIXELS {
+                return Err(Error::unsupported(format!(
+                    "the textures take more than {} GiB when decoded; scale them down before the bake",
+                    (MAX_PIXELS * 4) >> 30
+                )));
+            }
+            textures.insert(texture, image);
+        }
+    }
+    Ok((textures, sources))
+}
+
+/// The image that a texture shows.
+fn image_of(texture: &TextureEntry) -> Result<usize, Error> {
+    if let Some(image) = texture.source.or(texture.extensions.webp.as_ref().and_then(|w| w.source)) {
+        return Ok(image);
+    }
+    let (name, known) = match &texture.extensions {
+        e if e.basisu.is_some() => ("KHR_texture_basisu", true),
+        e if e.dds.is_some() => ("MSFT_texture_dds", true),
+        _ => ("", false),
+    };
+    Err(if known {
+        Error::unsupported(format!(
+            "exists only with {name}; bake the version of the file that still has PNG or JPEG textures"
+        ))
+    } else {
+        Error::invalid("it has no image")
+    })
+}
+
+/// The encoded bytes of an image.
+fn open(document: &mut Document, index: usize, material: &str) -> Result<Source, Error> {
+    let Some(image) = document.root.images.get(index) else {
+        let have = document.root.images.len();
+        let what = format!("image {index}, needed by material {material}, does not exist, there are {have}");
+        return Err(Error::invalid(what));
+    };
+    let named = image.name.as_deref().or(image.uri.as_deref().filter(|u| u.len() < 100));
+    let place = format!("image {index} \"{}\" of material {material}", label(named, "image", index));
+    let (view, uri) = (image.buffer_view, image.uri.clone());
+    let bytes = match (view, uri) {
+        (Some(view), _) => document.buffer_view(view).map_err(|e| e.within(&place))?.to_vec(),
+        (None, Some(uri)) => document.resource(&uri, &place, usize::MAX)?,
+        (None, None) => return Err(Error::invalid(format!("{place} has neither a URI nor a buffer view"))),
+    };
+    let format = match image::guess_format(&bytes) {
+        Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::WebP)) => format,
+        _ if bytes.starts_with(b"\xABKTX") => {
+            return Err(Error::unsupported(format!("{place} is KTX; convert the textures to PNG or JPEG first")));
+        }
+        _ => return Err(Error::invalid(format!("{place} is neither PNG nor JPEG nor WebP"))),
+    };
+    let mut source = Source { bytes, format, place, pixels: 0 };
+    source.pixels = size(&source)?;
+    Ok(source)
+}
+
+fn reader(source: &Source) -> ImageReader<Cursor<&[u8]>> {
+    let mut reader = ImageReader::with_format(Cursor::new(source.bytes.as_slice()), source.format);
+    let mut limits = image::Limits::default();
+    limits.max_image_width = Some(MAX_SIDE);
+    limits.max_image_height = Some(MAX_SIDE);
+    limits.max_alloc = Some(4 * MAX_PIXELS);
+    reader.limits(limits);
+    reader
+}
+
+/// Pixels of an image according to its header, after checking that they are plausible.
+fn size(source: &Source) -> Result<u64, Error> {
+    let place = &source.place;
+    let (width, height) =
+        reader(source).into_dimensions().map_err(|e| Error::invalid(format!("{place} cannot be decoded: {e}")))?;
+    if width > MAX_SIDE || height > MAX_SIDE {
+        return Err(Error::unsupported(format!("{place} has {width} × {height} pixels; {MAX_SIDE} are the limit")));
+    }
+    let pixels = u64::from(width) * u64::from(height);
+    let bytes = source.bytes.len() as u64;
+    if pixels > SMALL && pixels > MAX_RATIO * bytes {
+        let what = format!("{place} claims {width} × {height} pixels but has only {bytes} bytes");
+        return Err(Error::invalid(what));
+    }
+    Ok(pixels)
+}
+
+fn decode_one(source: &Source) -> Result<(u32, u32, Vec<[u8; 4]>), Error> {
+    let place = &source.place;
+    let image = reader(source).decode().map_err(|e| Error::invalid(format!("{place} cannot be decoded: {e}")))?;
+    let image = image.into_rgba8();
+    let (width, height) = image.dimensions();
+    if width == 0 || height == 0 {
+        return Err(Error::invalid(format!("{place} has no pixels")));
+    }
+    Ok((width, height, image.as_raw().as_chunks().0.to_vec()))
+}
+
+fn sampler(
+    document: &Document,
+    index: usize,
+    texture: &TextureEntry,
+    warnings: &mut Vec<Warning>,
+) -> Result<([Wrap; 2], bool), Error> {
+    let Some(sampler) = texture.sampler else { return Ok(([Wrap::Repeat; 2], false)) };
+    let Some(sampler) = document.root.samplers.get(sampler) else {
+        return Err(Error::invalid(format!("texture {index}: sampler {sampler} does not exist")));
+    };
+    let wrap = [sampler.wrap_s, sampler.wrap_t].map(|mode| match mode {
+        None | Some(10_497) => Wrap::Repeat,
+        Some(33_648) => Wrap::Mirror,
+        Some(33_071) => Wrap::Clamp,
+        Some(other) => {
+            let what = format!("texture {index}: wrap mode {other} does not exist; REPEAT was used");
+            warnings.push(Warning::new("bad-sampler", what));
+            Wrap::Repeat
+        }
+    });
+    Ok((wrap, sampler.mag_filter == Some(9728)))
+}

@@ -1,0 +1,79 @@
+//! Puts the parts of the loader in order: container, extensions, buffers, nodes, materials, geometry, images, lights.
+
+use super::Document;
+use super::Error;
+use super::Scene;
+use super::Sky;
+use super::cameras;
+use super::extensions;
+use super::geometry;
+use super::images;
+use super::material;
+use super::nodes;
+use super::punctual;
+use crate::base::Warned;
+use std::path::Path;
+
+/// What to take from the document, and what it cannot say.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Settings {
+    /// Index of the scene; `None` = the document's default scene, else scene 0, else all root nodes.
+    pub scene: Option<usize>,
+    /// Light from infinity; glTF has none.
+    pub sky: Sky,
+    /// Angular diameter of every sun [rad]; `None` = what the document says in `extras`, else 0.
+    pub sun_angle: Option<f32>,
+}
+
+/// Reads a glTF or GLB file, and the buffers and images that it refers to.
+///
+/// # Errors
+/// The file cannot be read, is not valid, or needs what is not supported; see [`Error`].
+pub fn load(path: &Path, settings: &Settings) -> Result<Warned<Scene>, Error> {
+    let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
+    load_bytes(bytes, path, settings)
+}
+
+/// The same for a document that is in memory already; `path` is where its relative references start.
+///
+/// # Errors
+/// As for [`load`].
+pub fn load_bytes(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<Scene>, Error> {
+    assemble(bytes, path, settings).map_err(|e| e.in_file(path))
+}
+
+fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<Scene>, Error> {
+    let mut warnings = Vec::new();
+    let mut document = Document::parse(bytes, path, &mut warnings)?;
+    extensions::check(&document.root, &mut warnings)?;
+    document.load_buffers()?;
+    let walk = nodes::walk(&document.root, settings.scene)?;
+    let mut materials = material::read(&document.root, &mut warnings)?;
+    let geometry = geometry::read(&document, &walk, &materials, &mut warnings)?;
+    if geometry.triangles.is_empty() {
+        return Err(Error::invalid("nothing to bake: the scene has no visible triangles"));
+    }
+    let mut used = vec![false; materials.len()];
+    geometry.parts.iter().for_each(|part| used[part.material] = true);
+    for (material, _) in materials.iter_mut().zip(used).filter(|(_, used)| !used) {
+        material.base_color_texture = None;
+        material.metallic_texture = None;
+        material.emission_texture = None;
+    }
+    let textures = images::decode(&mut document, &materials, &mut warnings)?;
+    let lights = punctual::read(&document.root, &walk, settings.sun_angle, &mut warnings)?;
+    let cameras = cameras::read(&document.root, &walk, &mut warnings);
+    let scene = Scene {
+        document,
+        vertices: geometry.vertices,
+        triangles: geometry.triangles,
+        triangle_part: geometry.triangle_part,
+        parts: geometry.parts,
+        materials,
+        textures,
+        lights,
+        sky: settings.sky,
+        cameras,
+    };
+    Ok(Warned { output: scene, warnings })
+}

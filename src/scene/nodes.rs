@@ -1,0 +1,161 @@
+//! Walks the node tree of the chosen scene: world transform and visibility of every node, in document order.
+//!
+//! Source: glTF 2.0, section 3.5; `KHR_node_visibility`. Transforms are multiplied in double precision. No recursion:
+//! a chain of a million nodes is fine.
+//!
+//! Invariants of a [`Walk`]: `worlds` has one finite, affine matrix per node of the document; `placed` lists each node of
+//! the scene once, parents before children.
+
+use super::Error;
+use super::schema::Node;
+use super::schema::Root;
+use glam::DMat4;
+use glam::DQuat;
+use glam::DVec3;
+
+/// One node of the scene.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Placed {
+    pub(super) node: usize,
+    pub(super) visible: bool,
+    /// An animation moves it or a node above it.
+    pub(super) animated: bool,
+}
+
+/// The node tree, resolved.
+#[derive(Debug)]
+pub(super) struct Walk {
+    /// World transform by node, also of nodes outside the scene (joints may be).
+    pub(super) worlds: Vec<DMat4>,
+    /// The nodes of the scene.
+    pub(super) placed: Vec<Placed>,
+}
+
+/// Resolves the tree for scene `scene`, or the default one.
+pub(super) fn walk(root: &Root, scene: Option<usize>) -> Result<Walk, Error> {
+    let parents = parents(root)?;
+    let worlds = worlds(root, &parents)?;
+    let mut moved = vec![false; root.nodes.len()];
+    for channel in root.animations.iter().flat_map(|a| &a.channels) {
+        if let Some(node) = channel.target.node
+            && ["translation", "rotation", "scale"].contains(&channel.target.path.as_str())
+            && let Some(flag) = moved.get_mut(node)
+        {
+            *flag = true;
+        }
+    }
+    let mut placed = Vec::new();
+    let mut stack: Vec<(usize, bool, bool)> =
+        roots(root, scene, &parents)?.into_iter().rev().map(|node| (node, true, false)).collect();
+    while let Some((index, visible, animated)) = stack.pop() {
+        let node = &root.nodes[index];
+        let visible = visible && node.extensions.visibility.as_ref().is_none_or(|v| v.visible);
+        let animated = animated || moved[index];
+        placed.push(Placed { node: index, visible, animated });
+        stack.extend(node.children.iter().rev().map(|&child| (child, visible, animated)));
+    }
+    Ok(Walk { worlds, placed })
+}
+
+/// The parent of each node; refuses missing nodes and second parents.
+fn parents(root: &Root) -> Result<Vec<Option<usize>>, Error> {
+    let mut parents = vec![None; root.nodes.len()];
+    for (index, node) in root.nodes.iter().enumerate() {
+        for &child in &node.children {
+            let Some(parent) = parents.get_mut(child) else {
+                let name = root.node_name(index);
+                return Err(Error::invalid(format!("node {name}: its child, node {child}, does not exist")));
+            };
+            if let Some(first) = parent.replace(index) {
+                return Err(Error::invalid(format!(
+                    "node {child} is the child of both node {first} and node {index}; the nodes must form trees"
+                )));
+            }
+        }
+    }
+    Ok(parents)
+}
+
+fn worlds(root: &Root, parents: &[Option<usize>]) -> Result<Vec<DMat4>, Error> {
+    let mut worlds = vec![None; root.nodes.len()];
+    let mut stack: Vec<usize> = (0..root.nodes.len()).rev().filter(|&n| parents[n].is_none()).collect();
+    while let Some(index) = stack.pop() {
+        let node = &root.nodes[index];
+        let above = parents[index].and_then(|p| worlds[p]).unwrap_or(DMat4::IDENTITY);
+        let world = local(node).map_err(|why| format!("node {}: {why}", root.node_name(index))).and_then(|local| {
+            let world: DMat4 = above * local;
+            if world.is_finite() {
+                Ok(world)
+            } else {
+                Err(format!("node {}: its transform is not finite", root.node_name(index)))
+            }
+        });
+        worlds[index] = Some(world.map_err(Error::invalid)?);
+        stack.extend(node.children.iter().rev());
+    }
+    // Every node has at most one parent, so whatever no root leads to hangs on a cycle.
+    worlds
+        .into_iter()
+        .enumerate()
+        .map(|(index, world)| {
+            world.ok_or_else(|| {
+                Error::invalid(format!("node {} is part of a cycle in the node tree", root.node_name(index)))
+            })
+        })
+        .collect()
+}
+
+fn local(node: &Node) -> Result<DMat4, &'static str> {
+    if let Some(m) = &node.matrix {
+        let m = DMat4::from_cols_array(m);
+        // The row (0, 0, 0, 1) may carry rounding errors of an exporter that inverted matrices.
+        if !(m.row(3) - glam::DVec4::W).abs().cmple(glam::DVec4::splat(1e-4)).all() {
+            return Err("its matrix is not affine, the last row must be 0 0 0 1");
+        }
+        return Ok(affine(m));
+    }
+    let translation = DVec3::from_array(node.translation.unwrap_or([0.0; 3]));
+    let scale = DVec3::from_array(node.scale.unwrap_or([1.0; 3]));
+    let rotation = DQuat::from_array(node.rotation.unwrap_or([0.0, 0.0, 0.0, 1.0]));
+    let length = rotation.length();
+    if !(length > 0.0 && length.is_finite()) {
+        return Err("its rotation is not a quaternion of unit length");
+    }
+    // Not normalised when it already is up to a few ulps: that would only add noise.
+    let rotation = if (length - 1.0).abs() < 1e-12 { rotation } else { rotation / length };
+    Ok(DMat4::from_scale_rotation_translation(scale, rotation, translation))
+}
+
+/// The matrix with its last row set to exactly (0, 0, 0, 1).
+fn affine(m: DMat4) -> DMat4 {
+    let [x, y, z, w] = [m.x_axis, m.y_axis, m.z_axis, m.w_axis].map(|c| c.truncate());
+    DMat4::from_cols(x.extend(0.0), y.extend(0.0), z.extend(0.0), w.extend(1.0))
+}
+
+/// The root nodes of the chosen scene.
+fn roots(root: &Root, scene: Option<usize>, parents: &[Option<usize>]) -> Result<Vec<usize>, Error> {
+    let chosen = scene.or(root.scene).or(if root.scenes.is_empty() { None } else { Some(0) });
+    let Some(index) = chosen else {
+        return Ok((0..root.nodes.len()).filter(|&n| parents[n].is_none()).collect());
+    };
+    let Some(entry) = root.scenes.get(index) else {
+        let have = root.scenes.len();
+        return Err(Error::invalid(format!("scene {index} does not exist, the document has {have} (counted from 0)")));
+    };
+    let mut seen = std::collections::BTreeSet::new();
+    for &node in &entry.nodes {
+        match parents.get(node) {
+            None => return Err(Error::invalid(format!("scene {index} refers to node {node}, which does not exist"))),
+            Some(Some(parent)) => {
+                return Err(Error::invalid(format!(
+                    "scene {index} lists node {node}, which is a child of node {parent}; only root nodes may be listed"
+                )));
+            }
+            Some(None) if !seen.insert(node) => {
+                return Err(Error::invalid(format!("scene {index} lists node {node} twice")));
+            }
+            Some(None) => {}
+        }
+    }
+    Ok(entry.nodes.clone())
+}

@@ -1,0 +1,367 @@
+//! What the options of `bake` mean: presets, configuration files, defaults, checks.
+//!
+//! An option is looked for on the command line, then in `--config`, then in the preset (`production` unless another is
+//! named). The presets are the files in `pipelines/presets`; their keys and those of a configuration file are the long
+//! option names.
+
+use crate::atlas::Uv;
+use crate::base::Rgb;
+use crate::scene::Sky;
+use serde::{Deserialize, Serialize};
+
+/// The named settings that ship with texelwalk.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Preset {
+    /// Seconds: coarse texels, few rays.
+    Preview,
+    /// The default: shared walk and a final gather.
+    Production,
+    /// Twice the density and four times the rays of `production`.
+    Final,
+    /// The paper's method: splatting walk, direct light shot, no gather.
+    Paper,
+}
+
+impl Preset {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Preview, Self::Production, Self::Final, Self::Paper];
+
+    fn text(self) -> &'static str {
+        match self {
+            Self::Preview => include_str!("../pipelines/presets/preview.toml"),
+            Self::Production => include_str!("../pipelines/presets/production.toml"),
+            Self::Final => include_str!("../pipelines/presets/final.toml"),
+            Self::Paper => include_str!("../pipelines/presets/paper.toml"),
+        }
+    }
+}
+
+/// What a line of the walk does at its hit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SplatMode {
+    /// Classic random walk: all to the patch that was hit.
+    None,
+    /// The paper's splat by uncertainty (--alpha, --beta); biased.
+    Paper,
+    /// Conductance sharing as far as the noise needs it; converges to the truth.
+    Share,
+}
+
+/// How direct light is found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DirectMode {
+    /// Shadow rays from every texel.
+    Gather,
+    /// Lines from the emitters, as in the paper.
+    Shoot,
+}
+
+/// What a texel holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Quantity {
+    /// E/π: multiply by base colour to get the radiance that is reflected [cd/m²].
+    Radiosity,
+    /// E: irradiance [lx].
+    Irradiance,
+}
+
+/// Which lightmap UVs are used.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum UvMode {
+    /// Keep a usable TEXCOORD_1, chart anew otherwise.
+    Auto,
+    /// Keep TEXCOORD_1; fail where it is missing or unusable.
+    Keep,
+    /// Always chart anew.
+    Generate,
+}
+
+/// Options of `bake` that a preset or a configuration file may hold.
+#[derive(Debug, Clone, Default, clap::Args, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Options {
+    /// Lightmap texels per metre, in world space
+    #[arg(long, value_name = "X", help_heading = "Lightmap", conflicts_with = "texel_size")]
+    pub texels_per_meter: Option<f32>,
+    /// Edge of a texel in metres; the same as --texels-per-meter 1/M
+    #[arg(long, value_name = "M", help_heading = "Lightmap")]
+    pub texel_size: Option<f32>,
+    /// Largest side of a lightmap page in texels
+    #[arg(long, value_name = "PX", help_heading = "Lightmap")]
+    pub page_size: Option<u32>,
+    /// Most pages; the density is lowered until everything fits
+    #[arg(long, value_name = "N", help_heading = "Lightmap")]
+    pub max_pages: Option<u32>,
+    /// Empty texels between charts, filled by dilation
+    #[arg(long, value_name = "PX", help_heading = "Lightmap")]
+    pub padding: Option<u32>,
+    /// Which lightmap UVs to use
+    #[arg(long, value_enum, value_name = "MODE", help_heading = "Lightmap")]
+    pub uv: Option<UvMode>,
+    /// What a texel holds
+    #[arg(long, value_enum, value_name = "QUANTITY", help_heading = "Lightmap")]
+    pub quantity: Option<Quantity>,
+
+    /// What a line of the walk does at its hit
+    #[arg(long, value_enum, value_name = "MODE", help_heading = "Solver")]
+    pub splat: Option<SplatMode>,
+    /// --splat paper: uncertainty in bits where splatting starts
+    #[arg(long, value_name = "BITS", help_heading = "Solver")]
+    pub alpha: Option<f32>,
+    /// --splat paper: uncertainty in bits from which everything is splatted
+    #[arg(long, value_name = "BITS", help_heading = "Solver")]
+    pub beta: Option<f32>,
+    /// --splat share: most that light is shared, as a share of the distance to what a texel sees
+    #[arg(long, value_name = "A", help_heading = "Solver")]
+    pub reach: Option<f32>,
+    /// How direct light is found
+    #[arg(long, value_enum, value_name = "MODE", help_heading = "Solver")]
+    pub direct: Option<DirectMode>,
+    /// Shadow rays per texel to emissive surfaces, to the sky and to lights with a size, each; more in penumbrae
+    #[arg(long, value_name = "N", help_heading = "Solver")]
+    pub direct_samples: Option<u32>,
+    /// Lines of the walk over all bounces
+    #[arg(long, value_name = "N", help_heading = "Solver", conflicts_with = "lines_per_texel")]
+    pub lines: Option<u64>,
+    /// Lines of the walk per texel
+    #[arg(long, value_name = "X", help_heading = "Solver")]
+    pub lines_per_texel: Option<f64>,
+    /// Final-gather rays per texel; 0 = the walk alone
+    #[arg(long, value_name = "N", help_heading = "Solver")]
+    pub gather: Option<u32>,
+    /// Most bounces of reflected light; without it, until what is left is negligible
+    #[arg(long, value_name = "N", help_heading = "Solver")]
+    pub bounces: Option<u32>,
+    /// Chooses the random numbers
+    #[arg(long, value_name = "N", help_heading = "Solver")]
+    pub seed: Option<u64>,
+
+    /// Scene of the document to bake; its default scene otherwise
+    #[arg(long, value_name = "N", help_heading = "Scene")]
+    pub scene: Option<usize>,
+    /// Radiance of the sky in cd/m², as R,G,B or one number; world +y is up
+    #[arg(long, value_name = "R,G,B", value_parser = parse_color, help_heading = "Scene")]
+    pub sky: Option<[f32; 3]>,
+    /// Radiance at the horizon; the sky is a gradient up to --sky at the zenith
+    #[arg(long, value_name = "R,G,B", value_parser = parse_color, help_heading = "Scene", requires = "sky")]
+    pub sky_horizon: Option<[f32; 3]>,
+    /// Radiance from below the horizon [default: as the horizon]
+    #[arg(long, value_name = "R,G,B", value_parser = parse_color, help_heading = "Scene")]
+    pub sky_ground: Option<[f32; 3]>,
+    /// Angular diameter of every sun in degrees (the real one: 0.53) [default: what the document says, else 0]
+    #[arg(long, value_name = "DEGREES", help_heading = "Scene")]
+    pub sun_angle: Option<f32>,
+
+    /// Worker threads; the result never depends on it [default: all CPUs]
+    #[arg(long, value_name = "N", help_heading = "Run")]
+    pub threads: Option<usize>,
+}
+
+/// Settings of a bake, complete and checked.
+#[derive(Debug, Clone, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Settings {
+    /// Density [texels/m].
+    pub texels_per_meter: f32,
+    /// Largest page side [texels].
+    pub page_size: u32,
+    /// Most pages.
+    pub max_pages: Option<u32>,
+    /// Empty texels between charts.
+    pub padding: u32,
+    /// Which UVs.
+    pub uv: UvMode,
+    /// What a texel holds.
+    pub quantity: Quantity,
+    /// What a line does at its hit.
+    pub splat: SplatMode,
+    /// The paper's α [bit].
+    pub alpha: f32,
+    /// The paper's β [bit].
+    pub beta: f32,
+    /// Most that light is shared over H.
+    pub reach: f32,
+    /// How direct light is found.
+    pub direct: DirectMode,
+    /// Shadow rays per texel and kind of light.
+    pub direct_samples: u32,
+    /// Lines of the walk; overrides `lines_per_texel`.
+    pub lines: Option<u64>,
+    /// Lines of the walk per texel.
+    pub lines_per_texel: f64,
+    /// Final-gather rays per texel.
+    pub gather: u32,
+    /// Most bounces.
+    pub bounces: Option<u32>,
+    /// Chooses the random numbers.
+    pub seed: u64,
+    /// Scene of the document.
+    pub scene: Option<usize>,
+    /// Radiance of the sky: zenith, horizon, ground [cd/m²].
+    pub sky: [[f32; 3]; 3],
+    /// Angular diameter of the suns [degrees].
+    pub sun_angle: Option<f32>,
+}
+
+/// An option that cannot be used, and why.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct Invalid(String);
+
+macro_rules! or_else {
+    ($a:expr, $b:expr, $($field:ident),+) => { Options { $($field: $a.$field.or($b.$field)),+ } };
+}
+
+impl Options {
+    /// The options of a preset.
+    ///
+    /// # Errors
+    /// Never for the files that ship; a test reads all of them.
+    pub fn preset(preset: Preset) -> Result<Self, Invalid> {
+        Self::from_toml(preset.text())
+    }
+
+    /// The options of a configuration file's text.
+    ///
+    /// # Errors
+    /// If it is not TOML, or a key or value is unknown; the message has the line.
+    pub fn from_toml(text: &str) -> Result<Self, Invalid> {
+        toml::from_str(text).map_err(|e| Invalid(e.to_string()))
+    }
+
+    /// These options, and those of `below` where these have none. An option and its alternative count as one.
+    #[must_use]
+    pub fn over(self, mut below: Self) -> Self {
+        if self.texel_size.is_some() || self.texels_per_meter.is_some() {
+            (below.texel_size, below.texels_per_meter) = (None, None);
+        }
+        if self.lines.is_some() || self.lines_per_texel.is_some() {
+            (below.lines, below.lines_per_texel) = (None, None);
+        }
+        or_else!(
+            self, below, texels_per_meter, texel_size, page_size, max_pages, padding, uv, quantity, splat, alpha, beta,
+            reach, direct, direct_samples, lines, lines_per_texel, gather, bounces, seed, scene, sky, sky_horizon,
+            sky_ground, sun_angle, threads
+        )
+    }
+
+    /// Checks every value and fills the gaps that no preset fills.
+    ///
+    /// # Errors
+    /// If a value is out of its range; the message names the option and the range.
+    pub fn settings(&self) -> Result<Settings, Invalid> {
+        let density = self.texel_size.map(|m| 1.0 / m).or(self.texels_per_meter).unwrap_or(16.0);
+        let zenith = self.sky.unwrap_or([0.0; 3]);
+        let horizon = self.sky_horizon.unwrap_or(zenith);
+        let settings = Settings {
+            texels_per_meter: within("--texels-per-meter", density, 1e-4, 1e5)?,
+            page_size: within("--page-size", self.page_size.unwrap_or(2048), 16, 16_384)?,
+            max_pages: self.max_pages.map(|n| within("--max-pages", n, 1, 4096)).transpose()?,
+            padding: within("--padding", self.padding.unwrap_or(2), 0, 64)?,
+            uv: self.uv.unwrap_or(UvMode::Auto),
+            quantity: self.quantity.unwrap_or(Quantity::Radiosity),
+            splat: self.splat.unwrap_or(SplatMode::Share),
+            alpha: within("--alpha", self.alpha.unwrap_or(5.0), 0.0, 100.0)?,
+            beta: within("--beta", self.beta.unwrap_or(15.0), 0.0, 100.0)?,
+            reach: within("--reach", self.reach.unwrap_or(0.15), 0.0, 1.0)?,
+            direct: self.direct.unwrap_or(DirectMode::Gather),
+            direct_samples: within("--direct-samples", self.direct_samples.unwrap_or(16), 1, 65_536)?,
+            lines: self.lines.map(|n| within("--lines", n, 1, 1 << 32)).transpose()?,
+            lines_per_texel: within("--lines-per-texel", self.lines_per_texel.unwrap_or(32.0), 1e-3, 1e6)?,
+            gather: within("--gather", self.gather.unwrap_or(64), 0, 1 << 20)?,
+            bounces: self.bounces,
+            seed: self.seed.unwrap_or(0),
+            scene: self.scene,
+            sky: [zenith, horizon, self.sky_ground.unwrap_or(horizon)],
+            sun_angle: self.sun_angle.map(|a| within("--sun-angle", a, 0.0, 90.0)).transpose()?,
+        };
+        if settings.beta <= settings.alpha {
+            return Err(Invalid(format!("--beta {} must be above --alpha {}", settings.beta, settings.alpha)));
+        }
+        if settings.sky.iter().flatten().any(|v| !v.is_finite() || *v < 0.0) {
+            return Err(Invalid("--sky: radiance must be finite and not negative".into()));
+        }
+        Ok(settings)
+    }
+}
+
+impl Settings {
+    /// The sky of these settings.
+    #[must_use]
+    pub fn sky(&self) -> Sky {
+        let [zenith, horizon, ground] = self.sky.map(Rgb::from_array);
+        Sky { zenith, horizon, ground }
+    }
+
+    /// The atlas stage's word for `uv`.
+    #[must_use]
+    pub fn atlas_uv(&self) -> Uv {
+        match self.uv {
+            UvMode::Auto => Uv::Auto,
+            UvMode::Keep => Uv::Keep,
+            UvMode::Generate => Uv::Generate,
+        }
+    }
+}
+
+fn within<T: PartialOrd + core::fmt::Display>(option: &str, value: T, low: T, high: T) -> Result<T, Invalid> {
+    if value >= low && value <= high {
+        return Ok(value);
+    }
+    Err(Invalid(format!("{option} {value} is out of range; it must lie between {low} and {high}")))
+}
+
+fn parse_color(text: &str) -> Result<[f32; 3], String> {
+    let numbers: Result<Vec<f32>, _> = text.split(',').map(|v| v.trim().parse()).collect();
+    match numbers.as_deref() {
+        Ok([v]) => Ok([*v; 3]),
+        Ok([r, g, b]) => Ok([*r, *g, *b]),
+        _ => Err("give one number or three with commas, for example 0.3,0.5,1".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn presets_parse_and_are_complete() {
+        for preset in Preset::ALL {
+            let options = Options::preset(preset).unwrap();
+            options.settings().unwrap();
+            assert!(options.splat.is_some() && options.direct.is_some() && options.gather.is_some(), "{preset:?}");
+            assert!(options.texels_per_meter.is_some() && options.lines_per_texel.is_some(), "{preset:?}");
+        }
+    }
+
+    #[test]
+    fn the_upper_layer_wins_and_alternatives_count_as_one() {
+        let low = Options::from_toml("texels-per-meter = 8\nlines-per-texel = 4\ngather = 3").unwrap();
+        let high = Options::from_toml("texel-size = 0.5\nlines = 100").unwrap();
+        let s = high.over(low).settings().unwrap();
+        assert_eq!((s.texels_per_meter, s.lines, s.gather), (2.0, Some(100), 3));
+    }
+
+    #[test]
+    fn unknown_keys_and_bad_values_are_refused() {
+        assert!(Options::from_toml("gatherr = 3").unwrap_err().to_string().contains("gatherr"));
+        assert!(Options::from_toml("splat = \"both\"").is_err());
+        let wrong = |text: &str| Options::from_toml(text).unwrap().settings().unwrap_err().to_string();
+        assert!(wrong("alpha = 7\nbeta = 7").contains("--beta"));
+        assert!(wrong("texel-size = 0.0").contains("--texels-per-meter"));
+        assert!(wrong("texels-per-meter = nan").contains("--texels-per-meter"));
+        assert!(wrong("sky = [-1, 0, 0]").contains("--sky"));
+    }
+
+    #[test]
+    fn colors_are_one_or_three_numbers() {
+        assert_eq!(parse_color("2"), Ok([2.0; 3]));
+        assert_eq!(parse_color("1, 2,3"), Ok([1.0, 2.0, 3.0]));
+        assert!(parse_color("1,2").is_err() && parse_color("red").is_err());
+    }
+}

@@ -1,0 +1,121 @@
+//! Start points for rays that leave a surface.
+//!
+//! In: corners of the triangle, barycentric weights, direction. Out: an f32 point strictly on the side that the direction
+//! points to.
+//!
+//! Source: Pharr, Jakob, Humphreys, "Physically Based Rendering", 4th ed., §6.8.6 (push along the normal by a bound of the
+//! rounding error, then round away). Where we differ, and why: the position is interpolated in f64, so its own error is
+//! nil, and what has to be bounded is
+//! * the rounding of the result to f32: at most one step per axis;
+//! * the rounding of the corners of a flat surface, half a step per axis here and half in the neighbouring triangle, since
+//!   a wall that is not axis-parallel is only flat up to that;
+//! * the error of the triangle test: under 2⁻⁴⁸ of the largest coordinate, as its f64 sums have fewer than 32 roundings
+//!   of 2⁻⁵³ each. This keeps the start of rays off planes through zero, where the f32 steps vanish.
+//!
+//! Points within [`INSET`] steps of an edge are moved inward: a ray that starts exactly in the corner of a room would
+//! otherwise start on its wall, and 0 < t lets it pass.
+//!
+//! Symbols: n unit normal, toward the side the ray leaves to; `ulp_k` spacing of f32 at the triangle's largest coordinate
+//! on axis k.
+//!
+//! Invariant: n·(result − plane) ≥ `Σ |n_k| ulp_k` + 2⁻⁴⁶ reach. Limit: where the neighbours of a rounded flat surface
+//! tilt toward the ray by more than its own elevation angle (about ulp/edge length), it meets them: they are there.
+
+use glam::{DVec3, Vec2, Vec3};
+
+/// Distance from the edges, in steps of the largest coordinate. Smaller: the push (up to 4 steps) leaves a room through a
+/// wall that leans over the floor; larger: visible shifts on tiny triangles far from the world's origin.
+const INSET: f64 = 8.0;
+/// Four times the error bound of the triangle test, as part of the largest coordinate of the scene.
+const TEST_ERROR: f64 = 1.0 / (1u64 << 46) as f64;
+
+/// See [`super::Tracer::origin_on`]. `reach` is the largest absolute coordinate of the scene [m].
+pub(super) fn leave(corners: [Vec3; 3], b: Vec2, direction: Vec3, reach: f64) -> Vec3 {
+    let size = corners[0].abs().max(corners[1].abs()).max(corners[2].abs());
+    let ulp = DVec3::from_array(size.to_array().map(|s| f64::from(s.next_up()) - f64::from(s)));
+    let p = corners.map(|c| c.as_dvec3());
+    let cross = (p[1] - p[0]).cross(p[2] - p[0]);
+    let centroid = (p[0] + p[1] + p[2]) / 3.0;
+    let weights = inset(p, cross.length(), INSET * ulp.max_element(), b);
+    let position = p[0] * weights[0] + p[1] * weights[1] + p[2] * weights[2];
+    let mut normal = cross.normalize_or_zero();
+    if normal.dot(direction.as_dvec3()) < 0.0 {
+        normal = -normal;
+    }
+    let push = 2.0 * normal.abs().dot(ulp) + TEST_ERROR * reach;
+    let target = position + normal * push;
+    let axis = |k: usize| {
+        // Across the surface: away from it. Along it: inward, so that no corner point lands on the wall beside it.
+        let toward = if normal[k].abs() > 0.5 { normal[k] } else { centroid[k] - position[k] };
+        round_toward(target[k], toward)
+    };
+    Vec3::new(axis(0), axis(1), axis(2))
+}
+
+/// Barycentric weights at least `distance` [m] away from every edge, or as far as a small triangle allows.
+fn inset(p: [DVec3; 3], double_area: f64, distance: f64, b: Vec2) -> [f64; 3] {
+    let b = b.as_dvec2();
+    let weights = [1.0 - b.x - b.y, b.x, b.y];
+    let edges = [p[1].distance(p[2]), p[2].distance(p[0]), p[0].distance(p[1])];
+    let mut inside = [0, 1, 2].map(|i| {
+        // The corner's distance from the opposite edge is double_area/edge.
+        let least = if double_area > 0.0 { (distance * edges[i] / double_area).min(1.0 / 3.0) } else { 0.0 };
+        weights[i].max(least)
+    });
+    let sum = inside[0] + inside[1] + inside[2];
+    for w in &mut inside {
+        *w /= sum;
+    }
+    inside
+}
+
+/// The f32 next to `value` in the direction of the sign of `toward`; the nearest one if `toward` is 0.
+fn round_toward(value: f64, toward: f64) -> f32 {
+    let nearest = value as f32;
+    if toward > 0.0 && f64::from(nearest) < value {
+        nearest.next_up()
+    } else if toward < 0.0 && f64::from(nearest) > value {
+        nearest.next_down()
+    } else {
+        nearest
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rounding_goes_the_right_way() {
+        let third = 1.0 / 3.0;
+        assert!(f64::from(round_toward(third, 1.0)) > third);
+        assert!(f64::from(round_toward(third, -1.0)) < third);
+        assert_eq!(round_toward(third, 0.0), third as f32);
+        assert_eq!(round_toward(0.5, 1.0), 0.5);
+        assert!(round_toward(-third, 1.0) > -(third as f32).next_up());
+    }
+
+    #[test]
+    fn inner_points_stay_where_they_are() {
+        let corners = [Vec3::new(0.0, 2.0, 0.0), Vec3::new(0.0, 2.0, 1.0), Vec3::new(1.0, 2.0, 0.0)];
+        let o = leave(corners, Vec2::new(0.25, 0.25), Vec3::Y, 2.0);
+        assert_eq!((o.x, o.z), (0.25, 0.25));
+        let step = 2.0f32.next_up() - 2.0;
+        assert!(o.y > 2.0 && o.y <= 2.0 + 4.0 * step, "{}", o.y);
+        let below = leave(corners, Vec2::new(0.25, 0.25), Vec3::new(1.0, -1e-6, 0.0), 2.0);
+        assert!(below.y < 2.0 && below.y >= 2.0 - 4.0 * step, "{}", below.y);
+    }
+
+    #[test]
+    fn a_plane_through_zero_is_left_by_next_to_nothing() {
+        let corners = [Vec3::ZERO, Vec3::Z * 10.0, Vec3::X * 10.0];
+        let o = leave(corners, Vec2::new(0.3, 0.3), Vec3::Y, 10.0);
+        assert!(o.y > 0.0 && o.y < 1e-12, "{}", o.y);
+    }
+
+    #[test]
+    fn triangles_without_area_give_their_own_points() {
+        let o = leave([Vec3::ONE; 3], Vec2::new(0.3, 0.3), Vec3::Y, 1.0);
+        assert!((o - Vec3::ONE).length() < 1e-6);
+    }
+}

@@ -1,0 +1,158 @@
+//! One iteration of the walk: lines out, flux in.
+//!
+//! Lines are numbered; line k starts on the patch that holds position (k + offset)/n of the running sum of unshot power.
+//! Lines are traced in chunks of consecutive numbers, so a chunk walks along the patches and their memory.
+
+use super::accumulate::{Distances, Flux};
+use super::deposit::{Arrival, deposit};
+use super::{Bounce, EmittedLines, Settings};
+use crate::base::low_discrepancy::Sequence;
+use crate::base::random::{Stage, mix};
+use crate::base::{Frame, Progress, Rgb, Stream, parallel, warp};
+use crate::patches::{PatchGraph, Patches};
+use crate::trace::{Line, Ray, Tracer};
+use glam::{DVec3, Vec2};
+
+/// Lines per parallel task: enough to outweigh its start, few enough for two hundred tasks in a million lines.
+const CHUNK: usize = 4096;
+
+/// Everything that stays the same from bounce to bounce.
+pub(super) struct Shooter<'a> {
+    pub(super) tracer: &'a Tracer<'a>,
+    pub(super) patches: &'a Patches,
+    pub(super) graph: &'a PatchGraph,
+    pub(super) settings: &'a Settings,
+    pub(super) progress: &'a Progress,
+}
+
+/// Sums of one chunk of lines.
+#[derive(Default, Clone, Copy)]
+struct Tally {
+    shot: DVec3,
+    escaped: DVec3,
+    culled: DVec3,
+}
+
+impl Shooter<'_> {
+    /// Shoots `lines` lines of the emitters.
+    pub(super) fn emitted(
+        &self,
+        emitted: &EmittedLines<'_>,
+        lines: u64,
+        distances: &mut Distances,
+    ) -> (Vec<Rgb>, Bounce) {
+        let flux = Flux::new(self.patches.len(), 8.0 * f64::from(emitted.flux.max_element()));
+        let tallies = parallel::map_chunks(lines as usize, CHUNK, |range| {
+            let mut tally = Tally::default();
+            self.progress.advance(range.len() as u64);
+            for k in range.filter(|_| !self.progress.cancelled()) {
+                self.land(&(emitted.line)(k as u64, lines), &flux, distances, &mut tally);
+            }
+            tally
+        });
+        self.close(flux, &tallies, lines, emitted.flux.as_dvec3())
+    }
+
+    /// Shoots `lines` lines from the patches, in proportion to what they have to shoot.
+    pub(super) fn reflected(
+        &self,
+        unshot: &[Rgb],
+        lines: u64,
+        bounce: u32,
+        distances: &mut Distances,
+    ) -> (Vec<Rgb>, Bounce) {
+        let running = running_sum(unshot);
+        let total = running.last().copied().unwrap_or(0.0);
+        let channels = DVec3::from_array([0, 1, 2].map(|c| parallel::sum(unshot.len(), |i| f64::from(unshot[i][c]))));
+        // A line's channels add up to three times its mean, so no channel of all lines exceeds 3 × total.
+        let flux = Flux::new(self.patches.len(), 3.0 * total * (1.0 + 1.0 / lines as f64));
+        let offset = Stream::new(self.settings.seed, Stage::Walk, u64::from(bounce), u64::MAX).next_f64();
+        let sequence = Sequence::new(mix(self.settings.seed ^ mix(u64::from(bounce) + 1)));
+        let step = total / lines as f64;
+        let tallies = parallel::map_chunks(lines as usize, CHUNK, |range| {
+            let mut tally = Tally::default();
+            self.progress.advance(range.len() as u64);
+            let mut patch = running.partition_point(|&s| s <= (range.start as f64 + offset) * step);
+            for k in range.filter(|_| !self.progress.cancelled()) {
+                let target = (k as f64 + offset) * step;
+                while patch + 1 < running.len() && running[patch] <= target {
+                    patch += 1;
+                }
+                let u = if self.settings.low_discrepancy {
+                    sequence.point(k as u32)
+                } else {
+                    let mut s = Stream::new(self.settings.seed, Stage::Walk, u64::from(bounce), k as u64);
+                    core::array::from_fn(|_| s.next_f32())
+                };
+                let share = step / super::mean(unshot[patch]).max(f64::MIN_POSITIVE);
+                let ray = leave(self.tracer, self.patches, patch, u);
+                let line = Line { ray, flux: (unshot[patch].as_dvec3() * share).as_vec3() };
+                self.land(&line, &flux, distances, &mut tally);
+            }
+            tally
+        });
+        self.close(flux, &tallies, lines, channels)
+    }
+
+    fn land(&self, line: &Line, flux: &Flux, distances: &Distances, tally: &mut Tally) {
+        tally.shot += line.flux.as_dvec3();
+        let Some(hit) = self.tracer.closest_hit(&line.ray) else {
+            tally.escaped += line.flux.as_dvec3();
+            return;
+        };
+        let patch = self.patches.at(&hit).filter(|&p| self.patches.exposed[p] > 0.0);
+        let Some(patch) = patch else {
+            tally.culled += line.flux.as_dvec3();
+            return;
+        };
+        let length = line.ray.direction.length();
+        let arrival = Arrival {
+            patch,
+            position: line.ray.origin + line.ray.direction * hit.t,
+            distance: hit.t * length,
+            cosine: (line.ray.direction.dot(self.patches.normal[patch]) / length).abs(),
+            flux: line.flux,
+        };
+        distances.add(patch, arrival.distance);
+        deposit(self.settings.splat, self.patches, self.graph, &arrival, |p, f| flux.add(p, f));
+    }
+
+    fn close(&self, flux: Flux, tallies: &[Tally], lines: u64, unshot: DVec3) -> (Vec<Rgb>, Bounce) {
+        let received = flux.take();
+        let sum = tallies.iter().fold(Tally::default(), |a, b| Tally {
+            shot: a.shot + b.shot,
+            escaped: a.escaped + b.escaped,
+            culled: a.culled + b.culled,
+        });
+        let bounce = Bounce {
+            lines,
+            unshot: unshot.to_array(),
+            shot: sum.shot.to_array(),
+            received: [0, 1, 2].map(|c| parallel::sum(received.len(), |i| f64::from(received[i][c]))),
+            escaped: sum.escaped.to_array(),
+            culled: sum.culled.to_array(),
+        };
+        (received, bounce)
+    }
+}
+
+/// A cosine-distributed ray from a uniform point of a patch.
+fn leave(tracer: &Tracer<'_>, patches: &Patches, patch: usize, u: [f32; 4]) -> Ray {
+    let point = patches.sample(patch, Vec2::new(u[0], u[1]));
+    let normal = tracer.scene().geometric_normal(point.triangle);
+    let frame = Frame::from_normal(if patches.is_back(patch) { -normal } else { normal });
+    let direction = frame.to_world(warp::square_to_cosine_hemisphere(Vec2::new(u[2], u[3])));
+    Ray { origin: tracer.origin_on(point.triangle, point.b, direction), direction, t_max: f32::INFINITY }
+}
+
+/// Running sum of the mean of the channels; the last entry is the total.
+fn running_sum(unshot: &[Rgb]) -> Vec<f64> {
+    let mut sum = 0.0;
+    unshot
+        .iter()
+        .map(|&v| {
+            sum += super::mean(v);
+            sum
+        })
+        .collect()
+}
