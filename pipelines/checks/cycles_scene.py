@@ -1,12 +1,13 @@
 """Puts a baked glTF into Blender as the purely diffuse scene that texelwalk bakes.
 
-In: a baked glTF, sky radiance. Out: one Blender object whose materials each hold the image of their lightmap page.
+In: a baked glTF, sky radiance (zenith, horizon, ground). Out: one Blender object whose materials each hold the image of their lightmap page.
 
 Who does what: Blender's own importer (in its unit-less light mode, one candela = 4π W) places nodes, lights, vertices,
 normals and texture coordinates, so those are checked independently. Materials are built here from the JSON, because the
 importer's Principled BSDF has a specular lobe that a diffuse bake has not.
 
 * All objects are joined into one: Cycles bakes object by object and would build its hierarchy once for each.
+* Reflectance is at least 0.001: see LEAST_REFLECTANCE.
 * The back of a single-sided material is black and dark, as in texelwalk; Cycles alone would let it reflect.
 * Missing light intensities are written out first: the importer would use Blender's own default instead of 1.
 
@@ -29,6 +30,9 @@ from gltf_file import GltfFile, index
 LIGHTS = "KHR_lights_punctual"
 MARK = "texelwalk material "
 LIGHTMAP_UV = "lightmap"
+# Cycles gets E/π by dividing reflected light by the reflectance, so black surfaces would bake to nothing. This much
+# reflectance is invisible, and a division by it still exact enough.
+LEAST_REFLECTANCE = 1e-3
 WRAP = {33071: "EXTEND", 33648: "MIRROR", 10497: "REPEAT"}
 
 
@@ -247,7 +251,12 @@ class Materials:
             split = tree.nodes.new("ShaderNodeSeparateColor")
             tree.links.new(node.outputs["Color"], split.inputs[0])
             metallic = self.math(tree, "MULTIPLY", split.outputs["Blue"], metallic)
-        return self.scaled(tree, color, self.math(tree, "SUBTRACT", 1.0, metallic)), alpha
+        color = self.scaled(tree, color, self.math(tree, "SUBTRACT", 1.0, metallic))
+        floor = tree.nodes.new("ShaderNodeVectorMath")
+        floor.operation = "MAXIMUM"
+        floor.inputs[1].default_value = (LEAST_REFLECTANCE,) * 3
+        tree.links.new(color, floor.inputs[0])
+        return floor.outputs[0], alpha
 
     def with_emission(self, tree, source, shader, radiance, front):
         color = self.color(tree, radiance)
@@ -419,6 +428,38 @@ def assemble(parts, slots):
     return made
 
 
+def add_sky(zenith, horizon, ground):
+    """Radiance from infinity: linear in the sine of the elevation from horizon to zenith, one colour below.
+
+    Up is Blender's +z, which the importer makes of glTF's +y.
+    """
+    world = bpy.data.worlds.new("sky")
+    bpy.context.scene.world = world
+    world.use_nodes = True
+    tree = world.node_tree
+    background = tree.nodes["Background"]
+    background.inputs["Strength"].default_value = 1.0
+    if zenith == horizon == ground:
+        background.inputs["Color"].default_value = (*zenith, 1.0)
+        return
+    split = tree.nodes.new("ShaderNodeSeparateXYZ")
+    tree.links.new(tree.nodes.new("ShaderNodeTexCoord").outputs["Generated"], split.inputs[0])
+    height = split.outputs["Z"]
+    above = Materials.scaled(tree, Materials.color(tree, [z - h for z, h in zip(zenith, horizon)]), height)
+    sky = tree.nodes.new("ShaderNodeVectorMath")
+    sky.operation = "ADD"
+    tree.links.new(above, sky.inputs[0])
+    tree.links.new(Materials.color(tree, horizon), sky.inputs[1])
+    below = Materials.math(tree, "LESS_THAN", height, 0.0)
+    upper = Materials.scaled(tree, sky.outputs[0], Materials.math(tree, "SUBTRACT", 1.0, below))
+    lower = Materials.scaled(tree, Materials.color(tree, ground), below)
+    both = tree.nodes.new("ShaderNodeVectorMath")
+    both.operation = "ADD"
+    tree.links.new(upper, both.inputs[0])
+    tree.links.new(lower, both.inputs[1])
+    tree.links.new(both.outputs[0], background.inputs["Color"])
+
+
 def build(gltf_path, sky):
     """Loads everything into a fresh Blender scene."""
     gltf = GltfFile(gltf_path)
@@ -443,11 +484,7 @@ def build(gltf_path, sky):
         light.shadow_soft_size = 0.0
         if light.type == "SUN":
             light.angle = 0.0
-    world = bpy.data.worlds.new("sky")
-    bpy.context.scene.world = world
-    world.use_nodes = True
-    world.node_tree.nodes["Background"].inputs["Color"].default_value = (*sky, 1.0)
-    world.node_tree.nodes["Background"].inputs["Strength"].default_value = 1.0
+    add_sky(*sky)
     return Built(baked, result, *per_triangle(baked.data, materials, sources, pages))
 
 

@@ -129,7 +129,7 @@ def compare(arguments, baked_path):
 
     started = time.monotonic()
     with quiet():
-        built = cycles_scene.build(baked_path, arguments.sky)
+        built = cycles_scene.build(baked_path, sky(arguments))
     for sentence in cycles_scene.odd_lights(cycles_scene.GltfFile(baked_path)):
         sys.stderr.write(f"warning: {sentence}\n")
     with quiet():
@@ -178,15 +178,23 @@ def faults(arguments, rows, charted):
 
 def triple(text):
     values = tuple(float(x) for x in text.split(","))
-    if len(values) != 3:
-        raise argparse.ArgumentTypeError(f"'{text}' is not R,G,B")
-    return values
+    if len(values) not in (1, 3):
+        raise argparse.ArgumentTypeError(f"'{text}' is neither one number nor R,G,B")
+    return values * 3 if len(values) == 1 else values
+
+
+def sky(arguments):
+    """Zenith, horizon and ground, with the defaults of `bake`."""
+    horizon = arguments.sky_horizon or arguments.sky
+    return arguments.sky, horizon, arguments.sky_ground or horizon
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("baked", help="a glTF or GLB that texelwalk baked")
     parser.add_argument("--sky", type=triple, default=(0.0, 0.0, 0.0), metavar="R,G,B", help="as given to bake --sky")
+    parser.add_argument("--sky-horizon", type=triple, metavar="R,G,B")
+    parser.add_argument("--sky-ground", type=triple, metavar="R,G,B")
     parser.add_argument("--samples", type=int, default=256, help="samples per texel of each of the two bakes")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--max-nrmse", type=float, default=0.03)
@@ -196,7 +204,7 @@ def main():
     arguments = parser.parse_args()
     try:
         found = compare(arguments, arguments.baked)
-    except (GltfError, ValueError, OSError) as error:
+    except (GltfError, ValueError, OSError, KeyError) as error:
         environment.fail(str(error))
     for fault in found:
         sys.stderr.write(f"error: {arguments.baked}: {fault}\n")

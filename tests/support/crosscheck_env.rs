@@ -76,18 +76,19 @@ fn entries(folder: &Path) -> Vec<PathBuf> {
     paths
 }
 
-/// `--sky R,G,B` as the README of a fixture gives it.
+/// `--sky`, `--sky-horizon` and `--sky-ground` with their colours, as the README of a fixture gives them.
 fn readme_options(readme: &Path) -> Vec<String> {
     let text = fs::read_to_string(readme).unwrap_or_default();
-    let mut words = text.split(|c: char| c.is_whitespace() || c == '`' || c == '=');
-    while let Some(word) = words.next() {
-        if word == "--sky"
-            && let Some(value) = words.next().filter(|v| v.split(',').all(|x| x.parse::<f32>().is_ok()))
-        {
-            return vec!["--sky".into(), value.into()];
+    let words: Vec<&str> = text.split(|c: char| c.is_whitespace() || c == '`' || c == '=').collect();
+    let mut options: Vec<String> = Vec::new();
+    for pair in words.windows(2) {
+        let known = ["--sky", "--sky-horizon", "--sky-ground"].contains(&pair[0]);
+        let is_color = pair[1].split(',').all(|x| x.parse::<f32>().is_ok());
+        if known && is_color && !options.iter().any(|o| o == pair[0]) {
+            options.extend([pair[0].to_owned(), pair[1].to_owned()]);
         }
     }
-    Vec::new()
+    options
 }
 
 /// Runs the binary under test.
