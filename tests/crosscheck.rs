@@ -81,6 +81,17 @@ fn everything_in_every_input_is_still_there() {
 
 #[test]
 #[ignore = "slow: makes a Python environment, minutes"]
+fn many_small_pages_pass_every_check() {
+    let out = folder("small_pages");
+    let baked = bake(&fixture("office"), &out, &["--preset", "preview", "--page-size", "64", "--gather", "0"]);
+    assert!(baked.pages.len() > 1, "64² texels should not be enough for the office");
+    accepts("checks/validate.py", &["--input", text(&baked.fixture.file), text(&baked.gltf)]);
+    accepts("checks/exr.py", &baked.pages.iter().map(|p| text(p)).collect::<Vec<_>>());
+    accepts("checks/preserved.py", &[text(&baked.fixture.file), text(&baked.gltf)]);
+}
+
+#[test]
+#[ignore = "slow: makes a Python environment, minutes"]
 fn preservation_check_rejects_every_kind_of_loss() {
     let out = folder("preserved_rejects");
     let original = r#"{"asset": {"version": "2.0", "generator": "hand"}, "scenes": [{"nodes": [0], "extras": {"a": 1.50}}],

@@ -168,8 +168,10 @@ class Materials:
 
     @staticmethod
     def color(tree, value):
-        node = tree.nodes.new("ShaderNodeRGB")
-        node.outputs[0].default_value = (*value, 1.0)
+        # Not the node for colours, which clamps negative values.
+        node = tree.nodes.new("ShaderNodeCombineXYZ")
+        for socket, component in zip(node.inputs, value):
+            socket.default_value = component
         return node.outputs[0]
 
     @staticmethod
