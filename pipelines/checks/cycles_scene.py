@@ -1,12 +1,13 @@
 """Puts a baked glTF into Blender as the purely diffuse scene that texelwalk bakes.
 
-In: a baked glTF, sky radiance. Out: one Blender object whose materials each hold the image of their lightmap page.
+In: a baked glTF, sky radiance (zenith, horizon, ground). Out: one Blender object whose materials each hold the image of their lightmap page.
 
 Who does what: Blender's own importer (in its unit-less light mode, one candela = 4π W) places nodes, lights, vertices,
 normals and texture coordinates, so those are checked independently. Materials are built here from the JSON, because the
 importer's Principled BSDF has a specular lobe that a diffuse bake has not.
 
 * All objects are joined into one: Cycles bakes object by object and would build its hierarchy once for each.
+* Reflectance is at least 0.001: see LEAST_REFLECTANCE.
 * The back of a single-sided material is black and dark, as in texelwalk; Cycles alone would let it reflect.
 * Missing light intensities are written out first: the importer would use Blender's own default instead of 1.
 
@@ -18,6 +19,7 @@ import math
 import os
 import struct
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
@@ -27,6 +29,10 @@ from gltf_file import GltfFile, index
 
 LIGHTS = "KHR_lights_punctual"
 MARK = "texelwalk material "
+LIGHTMAP_UV = "lightmap"
+# Cycles gets E/π by dividing reflected light by the reflectance, so black surfaces would bake to nothing. This much
+# reflectance is invisible, and a division by it still exact enough.
+LEAST_REFLECTANCE = 1e-3
 WRAP = {33071: "EXTEND", 33648: "MIRROR", 10497: "REPEAT"}
 
 
@@ -86,6 +92,16 @@ def prepared_copy(gltf, folder):
         body += struct.pack("<II", len(binary), 0x004E4942) + binary
     path.write_bytes(b"glTF" + struct.pack("<II", 2, 12 + len(body)) + body)
     return path
+
+
+@dataclass
+class Built:
+    """The scene in Blender: the object, (page, image) pairs, and per triangle its page index or −1 and its sidedness."""
+
+    object: object
+    pages: list
+    triangle_page: object
+    double_sided: object
 
 
 class Materials:
@@ -152,8 +168,10 @@ class Materials:
 
     @staticmethod
     def color(tree, value):
-        node = tree.nodes.new("ShaderNodeRGB")
-        node.outputs[0].default_value = (*value, 1.0)
+        # Not the node for colours, which clamps negative values.
+        node = tree.nodes.new("ShaderNodeCombineXYZ")
+        for socket, component in zip(node.inputs, value):
+            socket.default_value = component
         return node.outputs[0]
 
     @staticmethod
@@ -177,6 +195,13 @@ class Materials:
                 tree.links.new(value, socket)
         return node.outputs[0]
 
+    def lightmap(self, i):
+        """MOZ_lightmap of glTF material `i`, or None."""
+        return self.gltf.json["materials"][i].get("extensions", {}).get("MOZ_lightmap") if i is not None else None
+
+    def double_sided(self, i):
+        return i is not None and bool(self.gltf.json["materials"][i].get("doubleSided", False))
+
     def build(self, i, has_color):
         """The material for glTF material `i` (None = the default material)."""
         source = self.gltf.json["materials"][i] if i is not None else {}
@@ -185,7 +210,7 @@ class Materials:
         material.use_nodes = True
         tree = material.node_tree
         tree.nodes.clear()
-        sided = bool(source.get("doubleSided", False))
+        sided = self.double_sided(i)
         front = None
         if not sided:
             geometry = tree.nodes.new("ShaderNodeNewGeometry")
@@ -205,7 +230,7 @@ class Materials:
         shader = self.with_alpha(tree, source, shader, alpha)
         output = tree.nodes.new("ShaderNodeOutputMaterial")
         tree.links.new(shader, output.inputs["Surface"])
-        self.add_page(tree, extensions)
+        self.add_page(tree, self.lightmap(i))
         return material
 
     def reflectance(self, tree, source, has_color):
@@ -228,7 +253,12 @@ class Materials:
             split = tree.nodes.new("ShaderNodeSeparateColor")
             tree.links.new(node.outputs["Color"], split.inputs[0])
             metallic = self.math(tree, "MULTIPLY", split.outputs["Blue"], metallic)
-        return self.scaled(tree, color, self.math(tree, "SUBTRACT", 1.0, metallic)), alpha
+        color = self.scaled(tree, color, self.math(tree, "SUBTRACT", 1.0, metallic))
+        floor = tree.nodes.new("ShaderNodeVectorMath")
+        floor.operation = "MAXIMUM"
+        floor.inputs[1].default_value = (LEAST_REFLECTANCE,) * 3
+        tree.links.new(color, floor.inputs[0])
+        return floor.outputs[0], alpha
 
     def with_emission(self, tree, source, shader, radiance, front):
         color = self.color(tree, radiance)
@@ -259,9 +289,8 @@ class Materials:
         tree.links.new(shader, mix.inputs[2])
         return mix.outputs[0]
 
-    def add_page(self, tree, extensions):
+    def add_page(self, tree, lightmap):
         """The active image node decides which image Cycles bakes this material into."""
-        lightmap = extensions.get("MOZ_lightmap")
         image = self.page_images[index(lightmap["index"])] if lightmap else self.page_images[None]
         node = tree.nodes.new("ShaderNodeTexImage")
         node.image = image
@@ -295,7 +324,24 @@ def join_all(materials):
         raise ValueError("Blender imported no triangles")
     for thing in [o for o in bpy.data.objects if o.type == "MESH"]:
         bpy.data.objects.remove(thing, do_unlink=True)
-    return assemble(parts, slots)
+    sources = [source for source, _ in sorted(slot_of, key=slot_of.get)]
+    for part in parts:
+        part["lightmap_uv"] = lightmap_coordinates(part, [materials.lightmap(s) for s in sources])
+    return assemble(parts, slots), sources
+
+
+def lightmap_coordinates(part, lightmaps):
+    """Per corner, the coordinates that MOZ_lightmap of the corner's material names."""
+    result = numpy.zeros((len(part["corner_vertex"]), 2), numpy.float32)
+    for slot in numpy.unique(part["slot"]):
+        lightmap = lightmaps[slot]
+        uv_set = index(lightmap.get("texCoord", 0)) if lightmap else None
+        if uv_set is not None:
+            if uv_set >= len(part["uvs"]):
+                raise ValueError(f"a primitive with a lightmap has no TEXCOORD_{uv_set}")
+            here = numpy.repeat(part["slot"] == slot, 3)
+            result[here] = part["uvs"][uv_set][here]
+    return result
 
 
 def mesh_arrays(mesh, world):
@@ -369,6 +415,8 @@ def assemble(parts, slots):
         layer = mesh.uv_layers.new(name=f"UV{k}", do_init=False)
         uv = [p["uvs"][k] if k < len(p["uvs"]) else numpy.zeros((len(p["corner_vertex"]), 2), numpy.float32) for p in parts]
         layer.uv.foreach_set("vector", numpy.concatenate(uv).ravel())
+    layer = mesh.uv_layers.new(name=LIGHTMAP_UV, do_init=False)
+    layer.uv.foreach_set("vector", numpy.concatenate([p["lightmap_uv"] for p in parts]).ravel())
     if any(p["has_color"] for p in parts):
         attribute = mesh.color_attributes.new("Color", "FLOAT_COLOR", "CORNER")
         attribute.data.foreach_set("color", numpy.concatenate([p["colors"] for p in parts]).ravel())
@@ -382,8 +430,40 @@ def assemble(parts, slots):
     return made
 
 
+def add_sky(zenith, horizon, ground):
+    """Radiance from infinity: linear in the sine of the elevation from horizon to zenith, one colour below.
+
+    Up is Blender's +z, which the importer makes of glTF's +y.
+    """
+    world = bpy.data.worlds.new("sky")
+    bpy.context.scene.world = world
+    world.use_nodes = True
+    tree = world.node_tree
+    background = tree.nodes["Background"]
+    background.inputs["Strength"].default_value = 1.0
+    if zenith == horizon == ground:
+        background.inputs["Color"].default_value = (*zenith, 1.0)
+        return
+    split = tree.nodes.new("ShaderNodeSeparateXYZ")
+    tree.links.new(tree.nodes.new("ShaderNodeTexCoord").outputs["Generated"], split.inputs[0])
+    height = split.outputs["Z"]
+    above = Materials.scaled(tree, Materials.color(tree, [z - h for z, h in zip(zenith, horizon)]), height)
+    sky = tree.nodes.new("ShaderNodeVectorMath")
+    sky.operation = "ADD"
+    tree.links.new(above, sky.inputs[0])
+    tree.links.new(Materials.color(tree, horizon), sky.inputs[1])
+    below = Materials.math(tree, "LESS_THAN", height, 0.0)
+    upper = Materials.scaled(tree, sky.outputs[0], Materials.math(tree, "SUBTRACT", 1.0, below))
+    lower = Materials.scaled(tree, Materials.color(tree, ground), below)
+    both = tree.nodes.new("ShaderNodeVectorMath")
+    both.operation = "ADD"
+    tree.links.new(upper, both.inputs[0])
+    tree.links.new(lower, both.inputs[1])
+    tree.links.new(both.outputs[0], background.inputs["Color"])
+
+
 def build(gltf_path, sky):
-    """Loads everything; returns (object, list of (page, image))."""
+    """Loads everything into a fresh Blender scene."""
     gltf = GltfFile(gltf_path)
     pages = lightmap_pages(gltf)
     bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -397,7 +477,8 @@ def build(gltf_path, sky):
             result.append((page, image))
         # Surfaces without a lightmap need a target too; nobody looks at it.
         images[None] = bpy.data.images.new("nowhere", 4, 4, float_buffer=True, is_data=True)
-        baked = join_all(Materials(gltf, folder, images))
+        materials = Materials(gltf, folder, images)
+        baked, sources = join_all(materials)
         for image in bpy.data.images:
             if image.source == "FILE":
                 image.pack()
@@ -405,9 +486,15 @@ def build(gltf_path, sky):
         light.shadow_soft_size = 0.0
         if light.type == "SUN":
             light.angle = 0.0
-    world = bpy.data.worlds.new("sky")
-    bpy.context.scene.world = world
-    world.use_nodes = True
-    world.node_tree.nodes["Background"].inputs["Color"].default_value = (*sky, 1.0)
-    world.node_tree.nodes["Background"].inputs["Strength"].default_value = 1.0
-    return baked, result
+    add_sky(*sky)
+    return Built(baked, result, *per_triangle(baked.data, materials, sources, pages))
+
+
+def per_triangle(mesh, materials, sources, pages):
+    """Page index (or −1) of every triangle, and whether its back is a surface."""
+    slots = numpy.empty(len(mesh.polygons), numpy.int32)
+    mesh.polygons.foreach_get("material_index", slots)
+    number = {index(page["texture"]): k for k, page in enumerate(pages)}
+    lightmaps = [materials.lightmap(s) for s in sources]
+    page_of = numpy.array([number[index(m["index"])] if m else -1 for m in lightmaps])
+    return page_of[slots], numpy.array([materials.double_sided(s) for s in sources])[slots]

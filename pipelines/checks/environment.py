@@ -102,7 +102,7 @@ def make_venv():
         [venv_python(), "-m", "pip", "install", "--disable-pip-version-check", "--only-binary=:all:", "-r", REQUIREMENTS],
         "Is a package index reachable?")
     run("loading Blender's Python module", [venv_python(), "-c", "import bpy, OpenImageIO, numpy, matplotlib"],
-        "On Debian: apt-get install libxkbcommon0 libxi6 libxxf86vm1 libxfixes3 libxrender1 libgl1 libegl1 libsm6")
+        "On Debian: apt-get install libx11-6 libxi6 libxrender1 libxfixes3 libxkbcommon0 libsm6 libgl1")
     (VENV / "stamp").write_text(wanted(), encoding="utf-8")
 
 

@@ -7,9 +7,9 @@ Compared is E/π, Cycles' DIFFUSE pass without colour (direct and indirect). Cyc
 mean of both is the reference, and a quarter of the mean squared difference is the variance of that mean, which is
 subtracted from the mean squared error ("net"; our own noise is not subtracted).
 
-Two sets of texels: *interior*, where the texel and its eight neighbours are all charted, and *all* charted texels. The
-thresholds apply to interior texels: Cycles samples a texel only on the triangle under its centre, so texels that a chart
-border cuts are not the same quantity in the two programs.
+Three sets of texels: *all* that are charted; *interior*, where the eight neighbours are charted too; *clear*, which are
+interior and have no part inside another solid (`buried.py`). The thresholds apply to clear texels. Elsewhere the two
+programs mean different things: Cycles samples a texel only on the triangle under its centre, and counts what is buried.
 
 (This file is not called cycles.py, because it would hide Blender's own module of that name.)
 """
@@ -28,10 +28,13 @@ environment.enter()
 
 import numpy  # noqa: E402 (the environment comes first)
 
+from gltf_file import GltfError  # noqa: E402
 from pictures import difference, enlarged, interior, read_exr, tone_mapped, write_png  # noqa: E402
 
 # Marks texels that Cycles does not write.
 UNTOUCHED = -1.0
+# The name cycles_scene gives to the coordinates of the lightmap.
+LIGHTMAP_UV = "lightmap"
 # Cycles' own noise may be this many times the allowed net error; more, and the estimate of the latter is worth little.
 NOISE_LIMIT = 3.0
 
@@ -72,8 +75,8 @@ def bake(baked, pages, samples, seed, threads):
     for thing in bpy.data.objects:
         thing.select_set(thing == baked)
     bpy.context.view_layer.objects.active = baked
-    baked.data.uv_layers.active = baked.data.uv_layers["UV1"]
-    bpy.ops.object.bake(type="DIFFUSE", pass_filter={"DIRECT", "INDIRECT"}, uv_layer="UV1", margin=0, use_clear=False)
+    baked.data.uv_layers.active = baked.data.uv_layers[LIGHTMAP_UV]
+    bpy.ops.object.bake(type="DIFFUSE", pass_filter={"DIRECT", "INDIRECT"}, uv_layer=LIGHTMAP_UV, margin=0, use_clear=False)
     result = []
     for _, image in pages:
         width, height = image.size
@@ -121,38 +124,45 @@ def report(title, rows):
 
 def compare(arguments, baked_path):
     """Bakes and compares all pages together; returns the faults."""
+    import buried
     import cycles_scene
 
     started = time.monotonic()
     with quiet():
-        baked, pages = cycles_scene.build(baked_path, arguments.sky)
+        built = cycles_scene.build(baked_path, sky(arguments))
     for sentence in cycles_scene.odd_lights(cycles_scene.GltfFile(baked_path)):
         sys.stderr.write(f"warning: {sentence}\n")
     with quiet():
-        bakes = [bake(baked, pages, arguments.samples, seed, arguments.threads) for seed in (1, 2)]
+        bakes = [bake(built.object, built.pages, arguments.samples, seed, arguments.threads) for seed in (1, 2)]
+    sizes = [tuple(image.size) for _, image in built.pages]
+    hidden = buried.buried_share(built.object.data, LIGHTMAP_UV, built.triangle_page, built.double_sided, sizes)
     ours, charted = [], []
-    for page, _ in pages:
+    for page, _ in built.pages:
         pixels = read_exr(Path(baked_path).parent / page["uri"])
         ours.append(pixels[..., :3].astype(numpy.float64))
         charted.append(pixels[..., 3] > 0.5)
-    collected = {"interior": [], "all": []}
-    for k, (page, _) in enumerate(pages):
+    sets = {"clear": [], "interior": [], "all": []}
+    for k, (page, _) in enumerate(built.pages):
         written = (bakes[0][k][..., 0] != UNTOUCHED) & charted[k]
-        collected["interior"].append(interior(charted[k]) & written)
-        collected["all"].append(written)
+        inside = interior(charted[k]) & written
+        for name, mask in (("clear", inside & (hidden[k] == 0.0)), ("interior", inside), ("all", written)):
+            sets[name].append(mask)
         if arguments.pictures:
             write_pictures(arguments.pictures, Path(page["uri"]).stem, ours[k], (bakes[0][k] + bakes[1][k]) / 2.0, written)
     flat = lambda arrays: numpy.concatenate([a.reshape(-1, *a.shape[2:]) for a in arrays])  # noqa: E731
-    rows = [(name, figures(flat(ours), flat(bakes[0]), flat(bakes[1]), flat(masks))) for name, masks in collected.items()]
-    report(f"{baked_path}: {len(pages)} page(s), 2 x {arguments.samples} samples, {time.monotonic() - started:.1f} s", rows)
+    rows = [(name, figures(flat(ours), flat(bakes[0]), flat(bakes[1]), flat(masks))) for name, masks in sets.items()]
+    report(f"{baked_path}: {len(sizes)} page(s), 2 x {arguments.samples} samples, {time.monotonic() - started:.1f} s", rows)
     return faults(arguments, dict(rows), sum(int(c.sum()) for c in charted))
 
 
 def faults(arguments, rows, charted):
     found = []
-    judged = rows["interior"]
+    judged = rows["clear"]
     if judged["texels"] < arguments.min_texels:
-        found.append(f"only {judged['texels']} interior texels, fewer than {arguments.min_texels}: nothing to judge")
+        found.append(f"only {judged['texels']} clear texels, fewer than {arguments.min_texels}: nothing to judge")
+    # Leaving texels out is for the odd ones; a check that leaves out most proves nothing.
+    if judged["texels"] < 0.5 * rows["interior"]["texels"]:
+        found.append(f"only {judged['texels']} of {rows['interior']['texels']} interior texels are clear of other solids")
     # Cycles writes a texel whose centre lies on a triangle; conservative coverage has more, along chart borders only.
     if rows["all"]["texels"] < 0.5 * charted:
         found.append(f"Cycles wrote {rows['all']['texels']} of {charted} charted texels: the texture coordinates do not fit")
@@ -168,15 +178,23 @@ def faults(arguments, rows, charted):
 
 def triple(text):
     values = tuple(float(x) for x in text.split(","))
-    if len(values) != 3:
-        raise argparse.ArgumentTypeError(f"'{text}' is not R,G,B")
-    return values
+    if len(values) not in (1, 3):
+        raise argparse.ArgumentTypeError(f"'{text}' is neither one number nor R,G,B")
+    return values * 3 if len(values) == 1 else values
+
+
+def sky(arguments):
+    """Zenith, horizon and ground, with the defaults of `bake`."""
+    horizon = arguments.sky_horizon or arguments.sky
+    return arguments.sky, horizon, arguments.sky_ground or horizon
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("baked", help="a glTF or GLB that texelwalk baked")
     parser.add_argument("--sky", type=triple, default=(0.0, 0.0, 0.0), metavar="R,G,B", help="as given to bake --sky")
+    parser.add_argument("--sky-horizon", type=triple, metavar="R,G,B")
+    parser.add_argument("--sky-ground", type=triple, metavar="R,G,B")
     parser.add_argument("--samples", type=int, default=256, help="samples per texel of each of the two bakes")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--max-nrmse", type=float, default=0.03)
@@ -184,7 +202,10 @@ def main():
     parser.add_argument("--min-texels", type=int, default=100)
     parser.add_argument("--pictures", metavar="DIR")
     arguments = parser.parse_args()
-    found = compare(arguments, arguments.baked)
+    try:
+        found = compare(arguments, arguments.baked)
+    except (GltfError, ValueError, OSError, KeyError) as error:
+        environment.fail(str(error))
     for fault in found:
         sys.stderr.write(f"error: {arguments.baked}: {fault}\n")
     sys.exit(1 if found else 0)

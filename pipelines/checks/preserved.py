@@ -7,7 +7,8 @@ A bake may: append array elements; add `MOZ_lightmap` to a material (or to a clo
 every attribute; add or replace the texture coordinates that `MOZ_lightmap` names, unless another texture reads them; add
 TEXCOORD_0 where it is missing; add `_LIGHTMAP`; add `extras.lightmap` to scenes; extend `asset.generator`.
 All else must be equal: keys and their order, numbers as they are spelled, bytes of buffer views and images, GLB chunks.
-A primitive's corners are compared in order, so a reordered triangle is a difference too.
+A primitive's corners are compared in order, so a reordered triangle is a difference too. A primitive that lies on several
+lightmap pages may become one per page, next to each other; then the triangles are compared as a set.
 """
 
 import argparse
@@ -158,22 +159,47 @@ class Comparison:
     def mesh(self, i, j, path):
         a, b = self.before.json["meshes"][i], self.element("meshes", j)
         self.equal(a, b, path, ignore=("primitives",))
-        if len(a["primitives"]) != len(b.get("primitives", [])):
-            self.fault(path, "the number of primitives changed")
+        groups = self.grouped(a["primitives"], b.get("primitives", []))
+        if groups is None:
+            self.fault(path, f"{len(a['primitives'])} primitives became {len(b.get('primitives', []))} with other corners")
             return
-        for k, (x, y) in enumerate(zip(a["primitives"], b["primitives"])):
-            self.primitive(x, y, f"{path}/primitives/{k}")
+        for k, (primitive, group) in enumerate(zip(a["primitives"], groups)):
+            for piece in group:
+                self.primitive(primitive, piece, f"{path}/primitives/{k}")
+            self.corner_data(primitive, group, f"{path}/primitives/{k}")
+
+    def grouped(self, before, after):
+        """For each primitive of the input, those that it became: one, or one per lightmap page."""
+        if len(before) == len(after):
+            return [[p] for p in after]
+        groups, rest = [], list(after)
+        for primitive in before:
+            wanted, group, have = len(self.before.corners(primitive)), [], 0
+            while rest and (have < wanted or not group):
+                group.append(rest.pop(0))
+                have += len(self.after.corners(group[-1]))
+            if have != wanted:
+                return None
+            groups.append(group)
+        return None if rest else groups
 
     def primitive(self, a, b, path):
+        """All of a primitive but its vertices."""
         self.equal(a, b, path, may_add=("indices", "material"), ignore=("attributes", "indices", "material", "mode", "targets", "extensions"))
         self.primitive_extensions(a, b, path)
-        materials = self.before.json.get("materials", [])
-        before = materials[index(a["material"])] if "material" in a else {}
-        after = self.element("materials", index(b["material"])) if "material" in b else {}
         if "material" in a or "material" in b:
-            ignore_name = {} if "material" in a else {k: v for k, v in after.items() if k == "name"}
-            self.material({**before, **ignore_name}, after, f"{path}/material")
-        self.corner_data(a, b, path, before, after)
+            after = self.material_after(b)
+            added_name = {} if "material" in a else {k: v for k, v in after.items() if k == "name"}
+            self.material({**self.material_before(a), **added_name}, after, f"{path}/material")
+        mode_a, mode_b = index(a.get("mode", 4)), index(b.get("mode", 4))
+        if mode_a != mode_b and not (mode_a in (5, 6) and mode_b == 4):
+            self.fault(f"{path}/mode", f"{mode_a} became {mode_b}")
+
+    def material_before(self, primitive):
+        return self.before.json["materials"][index(primitive["material"])] if "material" in primitive else {}
+
+    def material_after(self, primitive):
+        return self.element("materials", index(primitive["material"])) if "material" in primitive else {}
 
     def primitive_extensions(self, a, b, path):
         """Material variants may point to clones of their materials."""
@@ -189,40 +215,55 @@ class Comparison:
                 self.equal(m, n, at, ignore=("material",))
                 self.material(self.before.json["materials"][index(m["material"])], self.element("materials", index(n["material"])), at)
 
-    def corner_data(self, a, b, path, material_before, material_after):
-        mode_a, mode_b = index(a.get("mode", 4)), index(b.get("mode", 4))
-        if mode_a != mode_b and not (mode_a in (5, 6) and mode_b == 4):
-            self.fault(f"{path}/mode", f"{mode_a} became {mode_b}")
+    def corner_data(self, a, group, path):
+        """Every corner keeps every attribute; in order, unless the primitive was cut into pages."""
+        if len(self.before.corners(a)) != sum(len(self.after.corners(b)) for b in group):
+            self.fault(path, "the number of its corners changed")
             return
-        corners_a, corners_b = self.before.corners(a), self.after.corners(b)
-        if len(corners_a) != len(corners_b):
-            self.fault(path, f"{len(corners_a)} corners became {len(corners_b)}")
-            return
-        lightmap = material_after.get("extensions", {}).get(LIGHTMAP)
-        own = f"TEXCOORD_{index(lightmap.get('texCoord', 1))}" if lightmap else None
-        if own and index(lightmap.get("texCoord", 1)) in texture_coordinates(material_before):
-            own = None  # another texture reads this set: it may not change
-        sets = [(a["attributes"], b["attributes"], f"{path}/attributes", {"TEXCOORD_0", own, "_LIGHTMAP"})]
+        own = self.own_coordinates(a, group[0])
+        sets = [("attributes", a["attributes"], [b["attributes"] for b in group], {"TEXCOORD_0", own, "_LIGHTMAP"})]
         for i, target in enumerate(a.get("targets", [])):
-            targets = b.get("targets", [])
-            sets.append((target, targets[i] if i < len(targets) else {}, f"{path}/targets/{i}", set()))
-        for before, after, at, may_add in sets:
+            after = [b["targets"][i] if i < len(b.get("targets", [])) else {} for b in group]
+            sets.append((f"targets/{i}", target, after, set()))
+        before_rows, after_rows = [], []
+        for place, before, after, may_add in sets:
             for name in before:
                 if name == own:
                     continue
-                if name not in after:
-                    self.fault(f"{at}/{name}", "is gone")
-                elif not self.same_corners(before[name], after[name], corners_a, corners_b):
-                    self.fault(f"{at}/{name}", "a corner of a triangle has another value")
-            for name in after:
+                if any(name not in piece for piece in after):
+                    self.fault(f"{path}/{place}/{name}", "is gone")
+                    continue
+                values = [self.corner_values(a, before[name], self.before)]
+                values += [self.corner_values(b, piece[name], self.after) for b, piece in zip(group, after)]
+                if len({kind for kind, _ in values}) > 1:
+                    self.fault(f"{path}/{place}/{name}", "has another type")
+                    continue
+                joined = numpy.concatenate([v for _, v in values[1:]])
+                if len(group) == 1 and not same(values[0][1], joined):
+                    self.fault(f"{path}/{place}/{name}", "a corner of a triangle has another value")
+                before_rows.append(as_bytes(values[0][1]))
+                after_rows.append(as_bytes(joined))
+            for name in {n for piece in after for n in piece}:
                 if name not in before and name not in may_add:
-                    self.fault(f"{at}/{name}", "was added")
+                    self.fault(f"{path}/{place}/{name}", "was added")
+        if len(group) > 1 and before_rows and not numpy.array_equal(sorted_triangles(before_rows), sorted_triangles(after_rows)):
+            self.fault(path, "its pieces have other triangles")
 
-    def same_corners(self, i, j, corners_a, corners_b):
-        x, y = self.before.json["accessors"][index(i)], self.after.json["accessors"][index(j)]
-        if any(str(x.get(k, d)) != str(y.get(k, d)) for k, d in (("componentType", 0), ("normalized", False), ("type", ""))):
-            return False
-        return same(self.before.accessor(index(i))[corners_a], self.after.accessor(index(j))[corners_b])
+    def own_coordinates(self, a, b):
+        """Name of the attribute that holds our coordinates, or None: then no attribute may change."""
+        lightmap = self.material_after(b).get("extensions", {}).get(LIGHTMAP)
+        if not lightmap:
+            return None
+        number = index(lightmap.get("texCoord", 0))
+        # Another texture reads this set: it may not change.
+        return None if number in texture_coordinates(self.material_before(a)) else f"TEXCOORD_{number}"
+
+    @staticmethod
+    def corner_values(primitive, accessor, file):
+        """What kind of numbers an attribute has, and its value at every corner."""
+        of = file.json["accessors"][index(accessor)]
+        kind = (index(of["componentType"]), bool(of.get("normalized", False)), of["type"])
+        return kind, file.accessor(index(accessor))[file.corners(primitive)]
 
     def chunks(self):
         if self.before.glb and self.after.glb and self.before.extra_chunks != self.after.extra_chunks:
@@ -232,6 +273,18 @@ class Comparison:
 def same(a, b):
     """Equality of stored bits: a NaN equals itself, 0 differs from −0."""
     return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
+
+
+def as_bytes(values):
+    return numpy.frombuffer(values.tobytes(), numpy.uint8).reshape(len(values), values.shape[1] * values.itemsize)
+
+
+def sorted_triangles(columns):
+    """Rows of all attributes of three corners each, in an order of their own."""
+    corners = numpy.concatenate(columns, axis=1)
+    count = len(corners) // 3
+    rows = numpy.frombuffer(corners[: count * 3].tobytes(), f"S{3 * corners.shape[1]}", count)
+    return numpy.sort(rows)
 
 
 def texture_coordinates(value):
