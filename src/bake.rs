@@ -170,7 +170,7 @@ fn solve(
         }
     })?;
     let source = |i: usize| direct[i] * patches.exposed_area(i);
-    let walks = clock.timed("walk", |progress| {
+    let mut walks = clock.timed("walk", |progress| {
         [0, 1].map(|half| {
             let seed = mix(settings.seed.wrapping_mul(2).wrapping_add(half));
             let unshot = parallel::map(patches.len(), |i| source(i) * patches.reflectance[i]);
@@ -181,6 +181,18 @@ fn solve(
             walk::walk(tracer, patches, graph, unshot, emitted, &walk_settings(settings, patches, half, seed), progress)
         })
     })?;
+    if settings.splat == SplatMode::Share && settings.gather > 0 {
+        // The last bounce reads few texels near corners, so the walk's noise would show there as blotches.
+        clock.timed("smooth", |_| {
+            let how = finish::share::Settings {
+                reach: settings.reach,
+                lines_per_area: walk_lines_per_area(settings, patches),
+            };
+            for walk in &mut walks {
+                finish::share::share(patches, graph, &walk.distance, &mut [&mut walk.indirect], &how);
+            }
+        })?;
+    }
     let gathered = match settings.gather {
         0 => None,
         _ => Some(clock.timed("gather", |progress| gather_with(settings, tracer, patches, &direct, &walks, progress))?),
@@ -252,11 +264,19 @@ fn gather_with(
 fn lines_per_area(settings: &Settings, patches: &Patches) -> f64 {
     /// Squared coefficient of variation of one gather ray, low-discrepancy points included (office: 0.4 to 0.6).
     const GATHER_VARIANCE: f64 = 0.5;
-    let area = parallel::sum(patches.len(), |i| f64::from(patches.exposed_area(i))).max(f64::MIN_POSITIVE);
     if settings.gather == 0 {
-        return lines(settings, patches) as f64 / area;
+        return walk_lines_per_area(settings, patches);
     }
-    f64::from(settings.gather) * patches.front as f64 / (area * GATHER_VARIANCE)
+    f64::from(settings.gather) * patches.front as f64 / (exposed_area(patches) * GATHER_VARIANCE)
+}
+
+/// Lines of the walk per area, both halves together [1/m²].
+fn walk_lines_per_area(settings: &Settings, patches: &Patches) -> f64 {
+    lines(settings, patches) as f64 / exposed_area(patches)
+}
+
+fn exposed_area(patches: &Patches) -> f64 {
+    parallel::sum(patches.len(), |i| f64::from(patches.exposed_area(i))).max(f64::MIN_POSITIVE)
 }
 
 /// Lets indirect light flow between linked texels; shot direct light is as noisy and flows too.

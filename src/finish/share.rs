@@ -46,7 +46,7 @@ struct Network {
     links: Vec<(u32, f32)>,
 }
 
-/// Shares each of `fields` (irradiance of the front patches [lx]) in place. `distance` is H [m].
+/// Shares the front patches' part of each of `fields` (irradiance [lx]) in place. `distance` is H [m].
 pub fn share(
     patches: &Patches,
     graph: &PatchGraph,
@@ -62,9 +62,11 @@ pub fn share(
     }
     let network = Network::new(patches, graph, &sigma, &edges, steps);
     for field in fields {
+        let mut now = field[..patches.front].to_vec();
         for _ in 0..steps {
-            **field = parallel::map(patches.front, |i| network.step(field, i));
+            now = parallel::map(patches.front, |i| network.step(&now, i));
         }
+        field[..patches.front].copy_from_slice(&now);
     }
 }
 
