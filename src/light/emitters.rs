@@ -8,13 +8,15 @@
 use crate::base::color::luminance;
 use crate::base::{Rgb, warp};
 use crate::scene::Scene;
-use core::f32::consts::{FRAC_1_PI, PI};
+use core::f32::consts::PI;
 use glam::{Vec2, Vec3};
 
 /// Points per side of the grid at which a textured emitter is averaged.
 const TEXTURE_GRID: u32 = 8;
 /// Share of the estimate that does not depend on angles, so that no triangle in front is left out.
 const FLOOR: f32 = 0.05;
+/// Squared distance over area below which a triangle counts as near.
+const NEAR: f32 = 16.0;
 /// Solid angle below which a triangle is sampled by area: single precision loses its spherical form there [sr].
 const SMALL: f32 = 1e-4;
 
@@ -160,11 +162,26 @@ impl Emitter {
         if !above || (!self.two_sided && facing < -size) {
             return 0.0;
         }
-        let distance_squared = toward.length_squared().max(self.area * FRAC_1_PI).max(f32::MIN_POSITIVE);
+        let power = luminance(self.radiance);
+        let distance_squared = toward.length_squared();
+        if distance_squared < NEAR * self.area {
+            return power * self.near_estimate(position, normal);
+        }
         let distance = distance_squared.sqrt();
         let cosine = (facing.abs() / distance).max(FLOOR);
         let elevation = (toward.dot(normal) / distance).max(FLOOR);
-        luminance(self.radiance) * self.area * cosine * elevation / distance_squared
+        power * self.area * cosine * elevation / distance_squared
+    }
+
+    /// Solid angle times mean elevation: from close by, the centroid says little about a triangle.
+    fn near_estimate(&self, position: Vec3, normal: Vec3) -> f32 {
+        let relative = self.corners.map(|c| c - position);
+        let all = [relative[0], relative[1], relative[2], self.centroid - position];
+        let elevation = all.map(|v| v.normalize_or_zero().dot(normal).max(0.0));
+        let mean = 0.25 * (elevation[0] + elevation[1] + elevation[2] + elevation[3]);
+        let solid_angle = warp::SphericalTriangle::new(relative).map_or(0.0, |s| s.solid_angle);
+        // A triangle in the plane of the centre can still light the rest of the texel.
+        solid_angle.max(FLOOR * FLOOR) * mean.max(FLOOR)
     }
 
     /// Unit direction, barycentric weights of the point that it leads to, and 1/density [sr].

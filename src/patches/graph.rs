@@ -35,14 +35,18 @@ impl PatchGraph {
     #[must_use]
     pub fn new(patches: &Patches, tracer: &Tracer<'_>) -> Self {
         let contact = parallel::map(patches.front, |i| contacts(patches, i));
+        let reach = |i: usize, k: usize| {
+            let j = forward_neighbor(patches, &contact, patches.front_patch(i), k)?;
+            let j = if patches.is_back(i) { patches.back_of[j] } else { j as u32 };
+            (j != NO_PATCH && linked(patches, tracer, i, j as usize)).then_some(j)
+        };
+        let straight = parallel::map(patches.len(), |i| [0, 1].map(|k| reach(i, k).unwrap_or(NO_PATCH)));
         let links = parallel::map(patches.len(), |i| {
-            let front = patches.front_patch(i);
-            core::array::from_fn::<u32, 4, _>(|k| {
-                forward_neighbor(patches, &contact, front, k)
-                    .map(|j| if patches.is_back(i) { patches.back_of[j] } else { j as u32 })
-                    .filter(|&j| j != NO_PATCH && linked(patches, tracer, i, j as usize))
-                    .unwrap_or(NO_PATCH)
-            })
+            let diagonal = [2, 3].map(|k| {
+                let around = |&j: &u32| goes_around(patches, &straight, i, j, k);
+                reach(i, k).filter(around).unwrap_or(NO_PATCH)
+            });
+            [straight[i][0], straight[i][1], diagonal[0], diagonal[1]]
         });
         Self::from_forward(&links)
     }
@@ -162,6 +166,27 @@ fn forward_neighbor(patches: &Patches, contact: &[u8], i: usize, k: usize) -> Op
         _ => (at(-1, 0).is_some_and(|left| right(left) && down(left))) || (down(i) && right(j)),
     };
     joined.then_some(j)
+}
+
+/// A diagonal link follows two straight ones around the common corner: the sight line alone could slip through the edge
+/// where two walls meet.
+fn goes_around(patches: &Patches, straight: &[[u32; 2]], i: usize, j: u32, k: usize) -> bool {
+    let (x, y) = patches.texel_xy(patches.front_patch(i));
+    let page = patches.page(patches.front_patch(i));
+    let at = |dx: i32, dy: i32| {
+        let front = patches.grid_at(page, x as i32 + dx, y as i32 + dy)?;
+        let patch = if patches.is_back(i) { patches.back_of[front as usize] } else { front };
+        (patch != NO_PATCH).then_some(patch as usize)
+    };
+    let below = straight[i][1];
+    let from_below = |to: usize, from: u32| from != NO_PATCH && straight[from as usize][0] == to as u32;
+    if FORWARD[k] == (1, 1) {
+        let right = straight[i][0];
+        let over_right = right != NO_PATCH && straight[right as usize][1] == j;
+        return over_right || from_below(j as usize, below);
+    }
+    let over_left = at(-1, 0).is_some_and(|l| straight[l][0] == i as u32 && straight[l][1] == j);
+    over_left || (below != NO_PATCH && straight[j as usize][0] == below)
 }
 
 fn linked(patches: &Patches, tracer: &Tracer<'_>, i: usize, j: usize) -> bool {

@@ -21,6 +21,7 @@ pub use graph::PatchGraph;
 
 use crate::atlas::Atlas;
 use crate::base::Rgb;
+use crate::scene::Scene;
 use crate::trace::Tracer;
 use glam::{Vec2, Vec3};
 
@@ -135,6 +136,17 @@ impl Patches {
     pub fn texel_edge(&self, patch: usize) -> f32 {
         let covered = self.fragments.range(self.front_patch(patch)).map(|f| self.fragments.covered[f]);
         (self.area[patch] / covered.fold(0.0, |a, b| a + b).max(1e-9)).sqrt()
+    }
+
+    /// Area of the fragments of one part of the scene [m²], hidden ones included.
+    #[must_use]
+    pub fn area_of_part(&self, scene: &Scene, part: usize) -> f64 {
+        let triangles = &scene.parts[part].triangles;
+        let own = |f: &usize| triangles.contains(&self.fragments.triangle[*f]);
+        let area = |f: usize| {
+            f64::from(self.fragments.covered[f]) * f64::from(self.surface[self.fragments.triangle[f] as usize].scale)
+        };
+        (0..self.fragments.triangle.len()).filter(own).map(area).fold(0.0, |a, b| a + b)
     }
 
     /// Bytes held by these arrays.

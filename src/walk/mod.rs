@@ -179,6 +179,9 @@ impl State {
         let to_come = parallel::sum(self.unshot.len(), |i| mean(self.unshot[i]));
         let ratio = self.ratio(patches).clamp(0.0, 0.999);
         if let Some(emitted) = emitted {
+            if settings.bounces == Some(0) {
+                return left;
+            }
             let (now, next) = (mean(emitted.flux), to_come + mean(emitted.flux) * ratio);
             let share = now / (now + next / (1.0 - ratio)).max(f64::MIN_POSITIVE);
             return ((left as f64 * share) as u64).clamp(1, left.max(1));
