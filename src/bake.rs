@@ -187,12 +187,17 @@ fn solve(
     };
     let shoots = settings.direct == DirectMode::Shoot;
     let gathered_in = [0, 1, 2].map(|c| parallel::sum(patches.len(), |i| f64::from(source(i)[c])));
-    let shot_in = |c: usize| walks.iter().map(|w| w.ledger.first().map_or(0.0, |b| b.received[c])).fold(0.0, |a, b| a + b);
+    let shot_in =
+        |c: usize| walks.iter().map(|w| w.ledger.first().map_or(0.0, |b| b.received[c])).fold(0.0, |a, b| a + b);
     let power_in = if shoots { [0, 1, 2].map(|c| 0.5 * shot_in(c)) } else { gathered_in };
     let direct = [0, 1].map(|h| (0..patches.front).map(|i| direct[i] + walks[h].direct[i]).collect());
     let (indirect, distance, gather_rays) = match gathered {
         Some(g) => (g.halves, g.distance, g.rays),
-        None => ([0, 1].map(|h: usize| walks[h].indirect[..patches.front].to_vec()), mean_distance(&walks, patches.front), 0),
+        None => (
+            [0, 1].map(|h: usize| walks[h].indirect[..patches.front].to_vec()),
+            mean_distance(&walks, patches.front),
+            0,
+        ),
     };
     Ok(Solution { direct, indirect, distance, walks, power_in, gather_rays })
 }
@@ -227,7 +232,11 @@ fn gather_with(
     progress: &Progress,
 ) -> Gathered {
     if settings.bounces == Some(0) {
-        return Gathered { halves: [0, 1].map(|_| vec![Rgb::ZERO; patches.front]), distance: vec![0.0; patches.front], rays: 0 };
+        return Gathered {
+            halves: [0, 1].map(|_| vec![Rgb::ZERO; patches.front]),
+            distance: vec![0.0; patches.front],
+            rays: 0,
+        };
     }
     let radiance = [0, 1].map(|h| {
         let walk = &walks[h];

@@ -1,1 +1,248 @@
-//! Placeholder.
+//! A picture of a baked scene, lit by its lightmap alone: the `render` command.
+//!
+//! In: the baked document as a [`Scene`] and its [`Lightmaps`]. Out: [`Picture`].
+//!
+//! Through every pixel go n² stratified primary rays. At the first surface that faces the camera (backs of one-sided
+//! materials are passed, as viewers cull them) the outgoing radiance is ρ/π · E + emission, where E = texel × intensity is
+//! looked up bilinearly on the lightmap's own coordinates; coverage is not looked at, because dilated texels belong to
+//! the filter. Unlit materials show their base colour. What has no lightmap shows only its own emission. Rays that leave
+//! the scene meet the sky or, if that is black, a neutral background.
+//!
+//! Exposure is 2^stops; without it, the log-average luminance of the lit surfaces in view (one ray per pixel) is mapped
+//! to [`KEY`]. The tone curve is per channel c(1 + c/W²)/(1 + c) with W = [`WHITE`]: Reinhard, Stark, Shirley, Ferwerda,
+//! "Photographic tone reproduction for digital images", SIGGRAPH 2002, eq. (4), there on luminance. Samples are averaged
+//! after the curve, so that edges of lamps stay smooth.
+
+mod camera;
+mod lightmap;
+mod overlay;
+
+pub use camera::View;
+pub use lightmap::Lightmaps;
+pub use overlay::Overlay;
+
+use crate::base::Rgb;
+use crate::base::Stream;
+use crate::base::color::luminance;
+use crate::base::parallel;
+use crate::base::random::Stage;
+use crate::scene::Scene;
+use crate::trace::Hit;
+use crate::trace::Ray;
+use crate::trace::Tracer;
+use camera::Eye;
+use overlay::Painter;
+
+/// Value before the tone curve that auto exposure gives the log-average.
+pub const KEY: f32 = 0.22;
+
+/// Value before the tone curve that becomes white.
+pub const WHITE: f32 = 6.0;
+
+/// Linear display value of the neutral background.
+const NEUTRAL: f32 = 0.05;
+
+/// Backs that a ray passes before it counts as lost: only broken geometry has more of them in a row.
+const MAX_PASSES: usize = 64;
+
+/// How to take the picture.
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// Width [px].
+    pub width: u32,
+    /// Height [px].
+    pub height: u32,
+    /// Rays per pixel; the next square number is used.
+    pub samples: u32,
+    /// Exposure in stops; `None` = automatic.
+    pub exposure: Option<f32>,
+    /// Where to stand.
+    pub view: View,
+    /// What to show.
+    pub overlay: Overlay,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        let (view, overlay) = (View::Default, Overlay::None);
+        Self { width: 1280, height: 720, samples: 16, exposure: None, view, overlay }
+    }
+}
+
+/// A picture ready for sRGB encoding.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    /// Width [px].
+    pub width: u32,
+    /// Height [px].
+    pub height: u32,
+    /// Linear display values in [0, 1], top row first.
+    pub pixels: Vec<[f32; 3]>,
+    /// Exposure that was used [stops].
+    pub exposure: f32,
+    /// Name of the camera, or `auto`.
+    pub camera: String,
+}
+
+/// Why there is no picture.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Error {
+    /// The document has no such camera.
+    #[error("there is no camera {index}; the document has {count}{}", if *count == 0 { ", try --auto" } else { "" })]
+    NoCamera {
+        /// The index asked for.
+        index: usize,
+        /// How many there are.
+        count: usize,
+    },
+    /// A size of zero, or beyond what a picture may have.
+    #[error("a picture of {width} × {height} px with {samples} rays per pixel is out of range")]
+    Size {
+        /// Width [px].
+        width: u32,
+        /// Height [px].
+        height: u32,
+        /// Rays per pixel.
+        samples: u32,
+    },
+}
+
+/// Takes the picture.
+///
+/// # Errors
+/// If the camera does not exist or the size is out of range.
+pub fn render(scene: &Scene, lightmaps: &Lightmaps, settings: &Settings) -> Result<Picture, Error> {
+    let Settings { width, height, samples, .. } = *settings;
+    let in_range = |n: u32| (1..=32768).contains(&n);
+    if !in_range(width) || !in_range(height) || !(1..=65536).contains(&samples) {
+        return Err(Error::Size { width, height, samples });
+    }
+    let tracer = Tracer::new(scene);
+    let shot = Shot { scene, lightmaps, tracer: &tracer, painter: Painter::new(scene, lightmaps, settings.overlay) };
+    let aspect = width as f32 / height as f32;
+    let eye = camera::eye(&shot, settings.view, aspect)?;
+    let size = [width as usize, height as usize];
+    let exposure = match settings.exposure {
+        Some(stops) => stops,
+        None => shot.auto_exposure(&eye, size),
+    };
+    let factor = libm::exp2f(exposure);
+    let strata = (1..).find(|n| n * n >= samples).unwrap_or(1);
+    let pixels = parallel::map(size[0] * size[1], |i| {
+        let mut sum = Rgb::ZERO;
+        let mut random = Stream::new(0, Stage::Render, i as u64, 0);
+        for s in 0..strata * strata {
+            let (sx, sy) = ((s % strata) as f32, (s / strata) as f32);
+            let dx = (sx + random.next_f32()) / strata as f32;
+            let dy = (sy + random.next_f32()) / strata as f32;
+            sum += shot.display(&eye.through(i, size, [dx, dy]), factor);
+        }
+        (sum / (strata * strata) as f32).to_array()
+    });
+    Ok(Picture { width, height, pixels, exposure, camera: eye.name })
+}
+
+/// What a ray from the camera shows.
+enum Seen {
+    /// A lit or glowing surface: reflected light [cd/m²], emission [cd/m²].
+    Surface(Rgb, Rgb),
+    /// A colour that is meant for the display as it is.
+    Painted(Rgb),
+    /// The sky [cd/m²].
+    Sky(Rgb),
+    /// Nothing.
+    Nothing,
+}
+
+/// A scene with everything that looking at it takes.
+struct Shot<'a> {
+    scene: &'a Scene,
+    lightmaps: &'a Lightmaps,
+    tracer: &'a Tracer<'a>,
+    painter: Painter<'a>,
+}
+
+impl Shot<'_> {
+    /// The first surface whose visible side the ray meets.
+    fn first_hit(&self, ray: &Ray) -> Option<Hit> {
+        let mut ray = *ray;
+        let mut travelled = 0.0;
+        for _ in 0..MAX_PASSES {
+            let hit = self.tracer.closest_hit(&ray)?;
+            if hit.front || self.scene.material(hit.triangle).double_sided {
+                return Some(Hit { t: hit.t + travelled, ..hit });
+            }
+            travelled += hit.t;
+            ray.origin = self.tracer.origin_on(hit.triangle, hit.b, ray.direction);
+        }
+        None
+    }
+
+    fn look(&self, ray: &Ray) -> Seen {
+        let Some(hit) = self.first_hit(ray) else {
+            let sky = &self.scene.sky;
+            return if sky.is_black() {
+                Seen::Nothing
+            } else {
+                Seen::Sky(sky.radiance(ray.direction.normalize_or_zero()))
+            };
+        };
+        if let Some(color) = self.painter.color(&hit, ray) {
+            return Seen::Painted(color);
+        }
+        if self.scene.material(hit.triangle).unlit {
+            return Seen::Painted(self.scene.base_color(hit.triangle, hit.b).truncate());
+        }
+        let irradiance = self.lightmaps.irradiance(self.scene, hit.triangle, hit.b).unwrap_or(Rgb::ZERO);
+        let reflected = self.scene.reflectance(hit.triangle, hit.b) * irradiance * core::f32::consts::FRAC_1_PI;
+        Seen::Surface(reflected, self.scene.emission(hit.triangle, hit.b))
+    }
+
+    /// Linear display value in [0, 1].
+    fn display(&self, ray: &Ray, factor: f32) -> Rgb {
+        match self.look(ray) {
+            Seen::Surface(reflected, emitted) => tone((reflected + emitted) * factor),
+            Seen::Sky(radiance) => tone(radiance * factor),
+            Seen::Painted(color) => color.clamp(Rgb::ZERO, Rgb::ONE),
+            Seen::Nothing => Rgb::splat(NEUTRAL),
+        }
+    }
+
+    /// Stops that map the log-average of what is lit to [`KEY`]; 0 if nothing is.
+    fn auto_exposure(&self, eye: &Eye, size: [usize; 2]) -> f32 {
+        let values = parallel::map(size[0] * size[1], |i| match self.look(&eye.through(i, size, [0.5, 0.5])) {
+            Seen::Surface(reflected, _) => f64::from(luminance(reflected)),
+            _ => 0.0,
+        });
+        // Unlit corners would pull a logarithm down without end, so everything below a thousandth of the mean is left out.
+        let lit = values.iter().filter(|v| **v > 0.0).count() as f64;
+        let least = values.iter().fold(0.0, |a, b| a + b) / lit.max(1.0) * 1e-3;
+        let (mut sum, mut count) = (0.0, 0.0);
+        for value in values.into_iter().filter(|v| v.is_finite() && *v > least) {
+            sum += libm::log2(value);
+            count += 1.0;
+        }
+        if count == 0.0 { 0.0 } else { (f64::from(libm::log2f(KEY)) - sum / count) as f32 }
+    }
+}
+
+/// The tone curve: 0 ↦ 0, [`WHITE`] ↦ 1, clamped beyond.
+fn tone(color: Rgb) -> Rgb {
+    let c = color.max(Rgb::ZERO);
+    (c * (Rgb::ONE + c / (WHITE * WHITE)) / (Rgb::ONE + c)).min(Rgb::ONE)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_tone_curve_rises_from_black_to_white() {
+        assert_eq!(tone(Rgb::ZERO), Rgb::ZERO);
+        assert!((tone(Rgb::splat(WHITE)) - Rgb::ONE).abs().max_element() < 1e-6);
+        assert_eq!(tone(Rgb::splat(1e9)), Rgb::ONE);
+        assert_eq!(tone(Rgb::splat(-1.0)), Rgb::ZERO);
+        let values: Vec<f32> = (0..600).map(|i| tone(Rgb::splat(i as f32 * 0.01)).x).collect();
+        assert!(values.windows(2).all(|w| w[0] < w[1]));
+    }
+}

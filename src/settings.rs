@@ -244,9 +244,32 @@ impl Options {
             (below.lines, below.lines_per_texel) = (None, None);
         }
         or_else!(
-            self, below, texels_per_meter, texel_size, page_size, max_pages, padding, uv, quantity, splat, alpha, beta,
-            reach, direct, direct_samples, lines, lines_per_texel, gather, bounces, seed, scene, sky, sky_horizon,
-            sky_ground, sun_angle, threads
+            self,
+            below,
+            texels_per_meter,
+            texel_size,
+            page_size,
+            max_pages,
+            padding,
+            uv,
+            quantity,
+            splat,
+            alpha,
+            beta,
+            reach,
+            direct,
+            direct_samples,
+            lines,
+            lines_per_texel,
+            gather,
+            bounces,
+            seed,
+            scene,
+            sky,
+            sky_horizon,
+            sky_ground,
+            sun_angle,
+            threads
         )
     }
 

@@ -23,7 +23,7 @@ pub(super) struct Piece {
     pub(super) faces: Vec<Face>,
     /// Flat position of each corner [m]; positive areas for charts made here.
     pub(super) corners: Vec<[DVec2; 3]>,
-    /// A kept TEXCOORD_1: not cut, not snapped.
+    /// A kept `TEXCOORD_1`: not cut, not snapped.
     pub(super) kept: bool,
 }
 
@@ -137,8 +137,8 @@ fn smallest_rectangle(hull: &[DVec2]) -> DVec2 {
             continue;
         }
         let turned = hull.iter().map(|p| DVec2::new(p.dot(direction), p.perp_dot(direction)));
-        let (low, high) = turned
-            .fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
+        let (low, high) =
+            turned.fold((DVec2::INFINITY, DVec2::NEG_INFINITY), |(low, high), p| (low.min(p), high.max(p)));
         let area = (high - low).element_product();
         if area < best.0 {
             best = (area, direction);

@@ -34,7 +34,7 @@ const WIDTHS: [f64; 5] = [1.0, 1.06, 0.94, 1.15, 1.3];
 /// Charts from which on only two widths are tried.
 const MANY_CHARTS: usize = 3000;
 
-/// Smallest factor on the density before giving up.
+/// Smallest factor on a density at which the areas fit, before giving up.
 const LEAST_FACTOR: f64 = 1e-3;
 
 /// A packed piece.
@@ -75,15 +75,21 @@ pub(super) fn arrange(
     let attempt = |factor: f64| attempt(&pieces, density * factor, settings, allowed, guard);
     let mut factor = 1.0;
     let mut too_dense = None;
+    let mut least = LEAST_FACTOR;
     let mut best = loop {
         match attempt(factor)? {
             Attempt::Fits(layout) => break layout,
+            Attempt::TooLarge(step) => {
+                too_dense = Some(factor);
+                factor *= step;
+                least = factor * LEAST_FACTOR;
+            }
             Attempt::TooDense(step) => {
                 too_dense = Some(factor);
                 factor *= step;
             }
         }
-        if factor < LEAST_FACTOR {
+        if factor < least {
             return Err(fail);
         }
     };
@@ -92,7 +98,7 @@ pub(super) fn arrange(
             let middle = 0.5 * (factor + high);
             match attempt(middle)? {
                 Attempt::Fits(layout) => (best, factor) = (layout, middle),
-                Attempt::TooDense(_) => high = middle,
+                Attempt::TooLarge(_) | Attempt::TooDense(_) => high = middle,
             }
         }
         let message = format!(
@@ -122,7 +128,9 @@ fn warn_of_lowered(scene: &Scene, lowered: &[(u32, f64)], warnings: &mut Vec<War
 
 enum Attempt {
     Fits(Layout),
-    /// Try again at this factor of the density.
+    /// The area alone is more than the pages hold; try again at this factor of the density.
+    TooLarge(f64),
+    /// No place was found; try again at this factor of the density.
     TooDense(f64),
 }
 
@@ -157,7 +165,7 @@ fn attempt(pieces: &[Piece], density: f64, settings: &Settings, allowed: u32, gu
     let area: f64 = pieces.iter().map(|piece| area(piece) * density * density).sum();
     if area > capacity {
         // Not even without padding; said before any memory is spent on it.
-        return Ok(Attempt::TooDense((0.97 * capacity / area).sqrt().max(1e-2)));
+        return Ok(Attempt::TooLarge((0.97 * capacity / area).sqrt()));
     }
     let mut fitted = Vec::with_capacity(pieces.len());
     let mut lowered = Vec::new();

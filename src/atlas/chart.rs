@@ -122,7 +122,7 @@ fn run(input: &Input, guard: &Guard) -> Result<Vec<RawChart>, Error> {
     if added.is_err() {
         return Ok(Vec::new());
     }
-    atlas.compute_charts(&ChartOptions { max_iterations: 2, ..ChartOptions::default() });
+    atlas.compute_charts(&ChartOptions::default());
     if stopped.load(Ordering::Relaxed) {
         guard.check()?;
         return Err(Error::Cancelled);
@@ -151,7 +151,8 @@ fn read(input: &Input, mesh: &xatlas_rs_v2::Mesh) -> Vec<RawChart> {
     }
     let corner = |c: usize| {
         let vertex = mesh.vertex_array.get(mesh.index_array[c] as usize)?;
-        let charted = vertex.atlas_index >= 0 && vertex.xref == input.indices[c] && vertex.uv.iter().all(|x| x.is_finite());
+        let charted =
+            vertex.atlas_index >= 0 && vertex.xref == input.indices[c] && vertex.uv.iter().all(|x| x.is_finite());
         charted.then(|| DVec2::new(f64::from(vertex.uv[0]), f64::from(vertex.uv[1])))
     };
     let face = |f: u32| {

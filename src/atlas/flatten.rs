@@ -14,7 +14,7 @@ use glam::DVec3;
 const FACE_COS: f64 = 0.75;
 
 /// Least mean cosine, weighted by area.
-const MEAN_COS: f64 = 0.88;
+pub(super) const MEAN_COS: f64 = 0.88;
 
 /// Largest and smallest density of a face, as a factor of the mean of its chart (per length).
 const MAX_DENSITY_RATIO: f64 = 2.0;
@@ -118,9 +118,7 @@ pub(super) fn split(surface: &Surface, faces: &[u32]) -> Vec<Flat> {
     faces.sort_unstable();
     let mut taken = vec![false; faces.len()];
     let mut seeds: Vec<usize> = (0..faces.len()).collect();
-    seeds.sort_by(|a, b| {
-        surface.area[faces[*b] as usize].total_cmp(&surface.area[faces[*a] as usize]).then(a.cmp(b))
-    });
+    seeds.sort_by(|a, b| surface.area[faces[*b] as usize].total_cmp(&surface.area[faces[*a] as usize]).then(a.cmp(b)));
     let mut flats = Vec::new();
     for seed in seeds {
         if taken[seed] {

@@ -1,4 +1,4 @@
-//! Keeps a TEXCOORD_1 that is a usable lightmap layout, as one rigid block per node.
+//! Keeps a `TEXCOORD_1` that is a usable lightmap layout, as one rigid block per node.
 //!
 //! The primitives of a node's mesh are laid out together if they share one layout, else one by one. The block is scaled
 //! alike in both directions so that its mean density is the wanted one. Usable means: finite, inside [0, 1]², no place
@@ -45,14 +45,13 @@ pub(super) struct Kept {
     pub(super) pieces: Vec<Piece>,
     /// For each part of the scene, whether it is in a block.
     pub(super) part_is_kept: Vec<bool>,
-    /// `uv-regenerated` for each part that is not, though it has a TEXCOORD_1.
+    /// `uv-regenerated` for each part that is not, though it has a `TEXCOORD_1`.
     pub(super) warnings: Vec<Warning>,
 }
 
-/// Blocks of all usable TEXCOORD_1.
+/// Blocks of all usable `TEXCOORD_1`.
 pub(super) fn kept_blocks(scene: &Scene, settings: &Settings, guard: &Guard) -> Result<Kept, Error> {
-    let mut kept =
-        Kept { pieces: Vec::new(), part_is_kept: vec![false; scene.parts.len()], warnings: Vec::new() };
+    let mut kept = Kept { pieces: Vec::new(), part_is_kept: vec![false; scene.parts.len()], warnings: Vec::new() };
     if settings.uv == Uv::Generate {
         return Ok(kept);
     }

@@ -4,7 +4,7 @@
 //!
 //! Steps: weld the triangles of each part by position (`weld`), take planar pieces and smooth components (`region`),
 //! flatten them by projection or by xatlas (`flatten`, `chart`), turn each chart to the texel rows (`align`), or keep the
-//! part's own TEXCOORD_1 (`keep`); scale to the density and rasterise (`shape`), pack (`pack`, `arrange`), and give every
+//! part's own `TEXCOORD_1` (`keep`); scale to the density and rasterise (`shape`), pack (`pack`, `arrange`), and give every
 //! triangle corner its output vertex (`assemble`).
 //!
 //! Invariants:
@@ -24,8 +24,8 @@ mod guard;
 mod keep;
 mod merge;
 mod overlap;
-pub mod raster;
 mod pack;
+pub mod raster;
 mod region;
 mod shape;
 mod weld;
@@ -76,7 +76,7 @@ impl Atlas {
 /// A connected piece of surface that is flat on a page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Chart {
-    /// Index into `Scene::parts`.
+    /// Index into `Scene::parts`. Where charts of a kept layout share texels and count as one, their first part.
     pub part: u32,
     /// Page it lies on.
     pub page: u32,
@@ -93,11 +93,11 @@ pub struct ChartedPart {
     pub triangles: Vec<[u32; 3]>,
     /// Index into `Atlas::charts` for each triangle, or [`NO_CHART`].
     pub chart: Vec<u32>,
-    /// The part's own TEXCOORD_1 was kept: output vertices equal source vertices.
+    /// The part's own `TEXCOORD_1` was kept: output vertices equal source vertices.
     pub kept: bool,
 }
 
-/// What happens to a TEXCOORD_1 of the document.
+/// What happens to a `TEXCOORD_1` of the document.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Uv {
     /// Keep it where it is a usable lightmap layout, otherwise chart anew and warn.
@@ -120,7 +120,7 @@ pub struct Settings {
     pub max_pages: Option<u32>,
     /// Empty texels between charts.
     pub padding: u32,
-    /// Use of TEXCOORD_1.
+    /// Use of `TEXCOORD_1`.
     pub uv: Uv,
     /// Give up after this time.
     pub time_limit: Option<Duration>,
@@ -151,7 +151,7 @@ pub enum Error {
     /// `Settings::time_limit` was exceeded.
     #[error("charting took longer than the time limit of {0:?}; raise the limit or lower the density")]
     TimeLimit(Duration),
-    /// Not even at a thousandth of the density.
+    /// Not even at a thousandth of the density at which the bare areas would fit.
     #[error(
         "{charts} charts with {padding} texels of padding do not fit on {pages} pages of {side}² texels at any density; \
          allow more or larger pages, or less padding"
@@ -166,7 +166,7 @@ pub enum Error {
         /// Page side [texels].
         side: u32,
     },
-    /// TEXCOORD_1 is to be kept but cannot be.
+    /// `TEXCOORD_1` is to be kept but cannot be.
     #[error("{node}: TEXCOORD_1 cannot be kept as a lightmap layout: {reason}; repair it, or use --uv auto")]
     UnusableUv {
         /// Name of the node.
@@ -182,10 +182,10 @@ pub enum Error {
 /// Charts the parts of a scene that receive light and packs the charts into pages.
 ///
 /// Warnings: `density-lowered` (all charts, to fit `max_pages`), `chart-density-lowered` (a chart larger than a page),
-/// `uv-regenerated` (a TEXCOORD_1 that is no usable lightmap layout).
+/// `uv-regenerated` (a `TEXCOORD_1` that is no usable lightmap layout).
 ///
 /// # Errors
-/// [`Error`]: cancelled, out of time, no density fits, a TEXCOORD_1 that cannot be kept, a setting out of range.
+/// [`Error`]: cancelled, out of time, no density fits, a `TEXCOORD_1` that cannot be kept, a setting out of range.
 pub fn build(scene: &Scene, settings: &Settings) -> Result<Warned<Atlas>, Error> {
     check(settings)?;
     let guard = Guard::new(settings.time_limit, settings.cancel.clone());
@@ -213,7 +213,9 @@ pub fn build(scene: &Scene, settings: &Settings) -> Result<Warned<Atlas>, Error>
 fn check(settings: &Settings) -> Result<(), Error> {
     let density = settings.texels_per_meter;
     if !(density.is_finite() && density > 0.0) {
-        return Err(Error::Setting(format!("the density must be a positive number of texels per metre, not {density}")));
+        return Err(Error::Setting(format!(
+            "the density must be a positive number of texels per metre, not {density}"
+        )));
     }
     if !(16..=MAX_PAGE_SIZE).contains(&settings.page_size) {
         let side = settings.page_size;

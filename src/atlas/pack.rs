@@ -57,12 +57,13 @@ pub(super) fn pack(footprints: &[&Footprint], sheet: Sheet, guard: &Guard) -> Re
             guard.check()?;
         }
         let footprint = footprints[i];
+        let rows = rows_by_width(footprint);
         let mut place = None;
         for page in 0..sheet.pages {
             if page as usize == pages.len() {
                 pages.push(Page::new(sheet));
             }
-            if let Some((x, y)) = pages[page as usize].find(footprint) {
+            if let Some((x, y)) = pages[page as usize].find(footprint, &rows) {
                 pages[page as usize].put(footprint, x, y);
                 place = Some(Place { page, x, y });
                 break;
@@ -74,6 +75,14 @@ pub(super) fn pack(footprints: &[&Footprint], sheet: Sheet, guard: &Guard) -> Re
         }
     }
     Ok(Some(places))
+}
+
+/// Longest run and number of each row, longest first: they exclude most places.
+fn rows_by_width(footprint: &Footprint) -> Vec<(u32, u32)> {
+    let longest = |r: u32| footprint.row(r).iter().map(|(from, to)| to - from).max().unwrap_or(0);
+    let mut rows: Vec<(u32, u32)> = (0..footprint.height).map(|r| (longest(r), r)).collect();
+    rows.sort_by_key(|(run, r)| (core::cmp::Reverse(*run), *r));
+    rows
 }
 
 struct Page {
@@ -95,22 +104,17 @@ impl Page {
     }
 
     /// Lowest row, and leftmost place in it, where the footprint meets nothing.
-    fn find(&mut self, footprint: &Footprint) -> Option<(u32, u32)> {
+    fn find(&mut self, footprint: &Footprint, rows: &[(u32, u32)]) -> Option<(u32, u32)> {
         let margin = self.sheet.margin();
         let [width, height] = self.sheet.size;
         if footprint.width + 2 * margin > width || footprint.height + 2 * margin > height {
             return None;
         }
-        let mut rows: Vec<(u32, u32)> = (0..footprint.height)
-            .map(|r| (footprint.row(r).iter().map(|(from, to)| to - from).max().unwrap_or(0), r))
-            .collect();
-        // Widest rows first, and the last of them before the others: pages are free at the far end.
-        rows.sort_by_key(|(run, r)| (core::cmp::Reverse(*run), *r));
         let key = (footprint.width, footprint.height, footprint.texels);
         let start = self.start.get(&key).copied().unwrap_or(margin);
         for y in start..=height - margin - footprint.height {
             if rows.iter().all(|(run, r)| self.longest_gap[(y + r) as usize] >= *run)
-                && let Some(x) = self.first_free(footprint, &rows, y)
+                && let Some(x) = self.first_free(footprint, rows, y)
             {
                 self.start.insert(key, y);
                 return Some((x, y));

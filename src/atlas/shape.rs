@@ -97,7 +97,7 @@ pub(super) fn shape(piece: &Piece, density: f64, bits: u32) -> Shape {
 pub(super) fn touched(triangle: [[i32; 2]; 3], bits: u32, mut visit: impl FnMut(u32, u32, u32)) {
     let p = triangle.map(|p| p.map(i64::from));
     let one = 1i64 << bits;
-    let last_texel = |low: i64, high: i64| (low >> bits).max((high + one - 1 >> bits) - 1);
+    let last_texel = |low: i64, high: i64| (low >> bits).max(((high + one - 1) >> bits) - 1);
     let low = p[0][1].min(p[1][1]).min(p[2][1]);
     let high = p[0][1].max(p[1][1]).max(p[2][1]);
     for row in (low >> bits)..=last_texel(low, high) {

@@ -25,7 +25,12 @@ pub(super) struct Facts<'a> {
 
 type File = (PathBuf, Vec<u8>);
 
-pub(super) fn write(request: &Request, facts: &Facts<'_>, lightmap: Lightmap, clock: &mut Clock<'_>) -> Result<Outcome, Error> {
+pub(super) fn write(
+    request: &Request,
+    facts: &Facts<'_>,
+    lightmap: Lightmap,
+    clock: &mut Clock<'_>,
+) -> Result<Outcome, Error> {
     let inputs: Vec<PathBuf> = facts.scene.document.files_read.iter().chain(&request.also_read).cloned().collect();
     let (mut files, warnings) = clock.timed("encode", |_| encode(request, facts, &lightmap))??;
     let outputs: Vec<PathBuf> = files.iter().map(|(path, _)| path.clone()).collect();

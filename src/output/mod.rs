@@ -36,6 +36,9 @@ pub enum Error {
         /// What is wrong, where in the file, and what to do.
         message: String,
     },
+    /// The source document turned out to be damaged when more of it was read.
+    #[error(transparent)]
+    Scene(#[from] crate::scene::Error),
     /// The write was called off before any file was put in place.
     #[error("interrupted; nothing was written")]
     Interrupted,

@@ -102,6 +102,21 @@ pub fn encode(component: &str) -> String {
     })
 }
 
+/// The file that a relative URI of `document` leads to; `None` for absolute URIs and broken escapes.
+#[must_use]
+pub fn local_path(document: &Path, uri: &str) -> Option<PathBuf> {
+    if uri.is_empty() || rebased(uri, "x") == uri {
+        return None;
+    }
+    let (mut bytes, mut rest) = (Vec::new(), uri.as_bytes());
+    while let Some((&b, tail)) = rest.split_first() {
+        let escaped = || u8::from_str_radix(core::str::from_utf8(tail.get(..2)?).ok()?, 16).ok();
+        bytes.push(if b == b'%' { escaped()? } else { b });
+        rest = if b == b'%' { &tail[2..] } else { tail };
+    }
+    Some(parent(document).join(String::from_utf8(bytes).ok()?))
+}
+
 /// The folder that a file lies in; `.` for a bare name.
 #[must_use]
 pub fn parent(file: &Path) -> &Path {
@@ -176,6 +191,15 @@ mod tests {
         std::fs::create_dir_all(root.path().join("in")).unwrap();
         std::os::unix::fs::symlink(root.path().join("far/away"), root.path().join("out")).unwrap();
         assert_eq!(uri_prefix(&root.path().join("out"), &root.path().join("in")).unwrap(), "../../in/");
+    }
+
+    #[test]
+    fn uris_lead_back_to_files() {
+        let back = |uri: &str| local_path(Path::new("out/a.gltf"), uri);
+        assert_eq!(back("../x/50%25%20%C3%BC.exr").unwrap(), Path::new("out/../x/50% ü.exr"));
+        for bad in ["", "data:,x", "https://x/y", "/abs", "a%2", "a%zz", "%FF"] {
+            assert_eq!(back(bad), None, "{bad}");
+        }
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //!
 //! In: the source text. Out: the text with values replaced, items appended to arrays and members put into objects.
 //! Key order, spelling of numbers (`1.50`, `1e5`), escapes and white space elsewhere stay. No re-serialisation keeps
-//! them: parsers drop the spelling. So serde_json only finds the spans ([`Element`]), and [`Splice`] works on text.
+//! them: parsers drop the spelling. So `serde_json` only finds the spans ([`Element`]), and [`Splice`] works on text.
 //!
 //! What is added takes over the white space before its predecessor in the array or object, so an indented file stays
 //! readable. Of a key that occurs twice the last counts, as for most parsers.
@@ -22,6 +22,9 @@ pub struct Fault(String);
 fn fault<T>(message: impl Into<String>) -> Result<T, Fault> {
     Err(Fault(message.into()))
 }
+
+/// Largest integer that a double holds exactly.
+const MAX_INDEX: f64 = 9_007_199_254_740_991.0;
 
 /// One value in a JSON text.
 #[derive(Debug, Clone, Copy)]
@@ -97,10 +100,11 @@ impl<'a> Element<'a> {
         self.get(key).map(|e| e.items()).unwrap_or_default()
     }
 
-    /// A number that is an index or a count.
+    /// A number that is an index or a count; it may be spelled with a zero fraction (glTF 2.0, section 2.7).
     #[must_use]
     pub fn index(&self) -> Option<usize> {
-        serde_json::from_str(self.text).ok()
+        let number: f64 = serde_json::from_str(self.text).ok()?;
+        ((0.0..=MAX_INDEX).contains(&number) && number.fract() == 0.0).then_some(number as usize)
     }
 
     /// The index at `key`.
@@ -356,6 +360,8 @@ mod tests {
         assert_eq!(root.get("b\"\\").unwrap().text(), "1e5");
         assert_eq!(at(&root, &["deep", "x"]).items()[2].text(), "{ }");
         assert_eq!(at(&root, &["deep", "s"]).string().unwrap(), "😀 ü / ]}");
+        let numbers = ["3", "3.0", "3e0", "3.5", "-1", "\"3\"", "1e300"].map(|t| Element::root(t).unwrap().index());
+        assert_eq!(numbers, [Some(3), Some(3), Some(3), None, None, None, None]);
         assert!(root.get("missing").is_none() && root.get("none").unwrap().items().is_empty());
         for (_, e) in root.members() {
             assert_eq!(&NASTY[e.start..e.end()], e.text());

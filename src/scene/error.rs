@@ -15,7 +15,7 @@ pub enum Class {
     Io,
 }
 
-/// Failure of [`load`](super::load).
+/// Failure of [`load()`](super::load()).
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// See [`Class::Unsupported`].
@@ -44,6 +44,18 @@ pub enum Error {
     },
 }
 
+/// Longest message, in characters; names in a document may be of any length.
+const MAX_MESSAGE: usize = 400;
+
+/// A message without control characters (names of a document may hold line ends and terminal sequences), cut if long.
+pub(super) fn one_line(message: &str) -> String {
+    let mut line: String = message.chars().take(MAX_MESSAGE).map(|c| if c.is_control() { ' ' } else { c }).collect();
+    if message.chars().nth(MAX_MESSAGE).is_some() {
+        line.push('…');
+    }
+    line
+}
+
 impl Error {
     /// The class of the failure.
     #[must_use]
@@ -67,11 +79,12 @@ impl Error {
         Self::Io { file: file.into(), source }
     }
 
-    /// Names the document, where that has not happened yet.
+    /// Names the document, where that has not happened yet, and makes the message one line.
     pub(super) fn in_file(mut self, path: &Path) -> Self {
         match &mut self {
-            Self::Unsupported { file, .. } | Self::Invalid { file, .. } if file.as_os_str().is_empty() => {
+            Self::Unsupported { file, what } | Self::Invalid { file, what } if file.as_os_str().is_empty() => {
                 *file = path.to_path_buf();
+                *what = one_line(what);
             }
             _ => {}
         }

@@ -128,7 +128,7 @@ fn open(document: &mut Document, index: usize, material: &str) -> Result<Source,
         let what = format!("image {index}, needed by material {material}, does not exist, there are {have}");
         return Err(Error::invalid(what));
     };
-    let named = image.name.as_deref().or(image.uri.as_deref().filter(|u| u.len() < 100));
+    let named = image.name.as_deref().or(image.uri.as_deref().filter(|u| !u.starts_with("data:")));
     let place = format!("image {index} \"{}\" of material {material}", label(named, "image", index));
     let (view, uri) = (image.buffer_view, image.uri.clone());
     let bytes = match (view, uri) {
@@ -161,8 +161,10 @@ fn reader(source: &Source) -> ImageReader<Cursor<&[u8]>> {
 /// Pixels of an image according to its header, after checking that they are plausible.
 fn size(source: &Source) -> Result<u64, Error> {
     let place = &source.place;
+    let mut reader = reader(source);
+    reader.no_limits();
     let (width, height) =
-        reader(source).into_dimensions().map_err(|e| Error::invalid(format!("{place} cannot be decoded: {e}")))?;
+        reader.into_dimensions().map_err(|e| Error::invalid(format!("{place} cannot be decoded: {e}")))?;
     if width > MAX_SIDE || height > MAX_SIDE {
         return Err(Error::unsupported(format!("{place} has {width} × {height} pixels; {MAX_SIDE} are the limit")));
     }

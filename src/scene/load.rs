@@ -5,6 +5,7 @@ use super::Error;
 use super::Scene;
 use super::Sky;
 use super::cameras;
+use super::error;
 use super::extensions;
 use super::geometry;
 use super::images;
@@ -37,7 +38,7 @@ pub fn load(path: &Path, settings: &Settings) -> Result<Warned<Scene>, Error> {
 /// The same for a document that is in memory already; `path` is where its relative references start.
 ///
 /// # Errors
-/// As for [`load`].
+/// As for [`load()`].
 pub fn load_bytes(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<Scene>, Error> {
     assemble(bytes, path, settings).map_err(|e| e.in_file(path))
 }
@@ -75,5 +76,6 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         sky: settings.sky,
         cameras,
     };
+    warnings.iter_mut().for_each(|w| w.message = error::one_line(&w.message));
     Ok(Warned { output: scene, warnings })
 }

@@ -474,7 +474,7 @@ impl Root {
     #[must_use]
     pub fn primitive_name(&self, mesh: usize, primitive: usize) -> String {
         match self.meshes.get(mesh).and_then(|m| m.name.as_deref()).filter(|n| !n.is_empty()) {
-            Some(name) => format!("mesh {mesh} \"{name}\", primitive {primitive}"),
+            Some(name) => format!("mesh {mesh} \"{}\", primitive {primitive}", label(Some(name), "mesh", mesh)),
             None => format!("mesh {mesh}, primitive {primitive}"),
         }
     }
@@ -486,10 +486,16 @@ impl Root {
     }
 }
 
-/// `name`, or `kind 7` where it is missing or empty.
+/// Longest name in a message, in characters.
+const MAX_NAME: usize = 80;
+
+/// `name`, cut if very long, or `kind 7` where it is missing or empty.
 pub(super) fn label(name: Option<&str>, kind: &str, index: usize) -> String {
     match name {
-        Some(name) if !name.is_empty() => name.to_owned(),
+        Some(name) if !name.is_empty() => match name.char_indices().nth(MAX_NAME) {
+            Some((end, _)) => format!("{}…", &name[..end]),
+            None => name.to_owned(),
+        },
         _ => format!("{kind} {index}"),
     }
 }

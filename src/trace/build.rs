@@ -34,8 +34,9 @@ const MAX_TRIANGLES: usize = 1 << 28;
 /// triangle test once an origin is far outside of the scene.
 const PAD: f32 = 1.0 / (1u64 << 40) as f32;
 
-/// Eight boxes and what is in them.
+/// Eight boxes and what is in them. Four whole cache lines.
 #[derive(Clone)]
+#[repr(align(64))]
 pub(super) struct Node {
     /// By axis, then smallest and largest coordinate, then four children each. Empty: +∞ and −∞, which no ray meets.
     pub(super) bounds: [[[Vec4; 2]; 2]; 3],
@@ -74,8 +75,9 @@ impl Child {
 
 /// Up to four triangles.
 #[derive(Clone)]
+#[repr(align(64))]
 pub(super) struct Packet {
-    /// By corner, then axis, then triangle [m].
+    /// By corner, then axis, then triangle; in metres.
     pub(super) corners: [[Vec4; 3]; 3],
     /// Triangle indices; [`Packet::TRANSPARENT`] is set where the material is not opaque.
     pub(super) triangles: [u32; LANES],
@@ -365,8 +367,8 @@ mod tests {
     }
 
     #[test]
-    fn nodes_and_packets_have_no_padding() {
-        assert_eq!(size_of::<Node>(), 224);
-        assert_eq!(size_of::<Packet>(), 160);
+    fn nodes_and_packets_are_whole_cache_lines() {
+        assert_eq!((size_of::<Node>(), align_of::<Node>()), (256, 64));
+        assert_eq!((size_of::<Packet>(), align_of::<Packet>()), (192, 64));
     }
 }

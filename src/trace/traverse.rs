@@ -31,7 +31,7 @@ use glam::{DVec3, Vec2, Vec3, Vec4};
 const SLACK: f32 = 1.0 + 1.0 / (1u32 << 20) as f32;
 /// Largest reciprocal of a direction component relative to the largest one.
 const STEEPEST: f64 = (1u128 << 100) as f64;
-/// Entries before the stack moves to the heap. A node leaves at most seven; 1 M triangles have about eight levels.
+/// Entries before the stack moves to the heap. A node leaves at most seven there, mostly one.
 const STACK: usize = 64;
 
 /// A ray, prepared.

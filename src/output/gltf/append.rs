@@ -132,7 +132,8 @@ impl Append {
         let mut out = Appended { bytes: Vec::new(), views: Vec::new(), accessors: self.accessors };
         for view in self.views {
             let (offset, length) = (base + out.bytes.len(), view.bytes.len());
-            let stride = if view.target == ARRAY_BUFFER { format!(", \"byteStride\": {}", view.stride) } else { String::new() };
+            let stride =
+                if view.target == ARRAY_BUFFER { format!(", \"byteStride\": {}", view.stride) } else { String::new() };
             out.views.push(format!(
                 "{{\"buffer\": {buffer}, \"byteOffset\": {offset}, \"byteLength\": {length}{stride}, \"target\": {}}}",
                 view.target
@@ -193,7 +194,8 @@ mod tests {
     fn short_elements_and_matrix_columns_are_padded() {
         let mut append = Append::new(3, 5);
         let bytes: Vec<u8> = (0..27).collect();
-        let colors = AccessorData { count: 9, components: 3, component_type: 5121, normalized: true, bytes: bytes.clone() };
+        let colors =
+            AccessorData { count: 9, components: 3, component_type: 5121, normalized: true, bytes: bytes.clone() };
         assert_eq!(append.attribute(&colors, "VEC3", &[1, 0], ", \"normalized\": true"), 5);
         let matrices = AccessorData { count: 3, components: 9, component_type: 5121, normalized: false, bytes };
         assert_eq!(append.attribute(&matrices, "MAT3", &[2], ""), 6);

@@ -12,6 +12,9 @@
 //!
 //! Source: glTF 2.0, section 4.4 (GLB layout), section 3.6.1.2 (the GLB-stored buffer is the first).
 
+use super::Files;
+use super::append::Append;
+use crate::base::Warning;
 use crate::output::Error;
 use crate::output::names::beside;
 use crate::output::names::parent;
@@ -22,14 +25,8 @@ use crate::output::splice::Element;
 use crate::output::splice::Fault;
 use crate::output::splice::Splice;
 use crate::output::splice::quoted;
-use super::append::Append;
-use crate::base::Warning;
 use crate::scene::Document;
 use std::path::Path;
-use std::path::PathBuf;
-
-/// Files with their contents, the document last.
-pub(super) type Files = Vec<(PathBuf, Vec<u8>)>;
 
 /// What the plan for the bytes needs to know.
 pub(super) struct Container<'a> {

@@ -3,10 +3,10 @@
 //! A material that is used only by baked primitives of one page gets the extension itself; every further page, and a
 //! material that something unbaked uses too, gets a copy behind the existing ones. So no index changes its meaning.
 
+use super::Quantity;
 use crate::output::splice::Element;
 use crate::output::splice::Fault;
 use crate::output::splice::Splice;
-use super::Quantity;
 use std::collections::BTreeMap;
 use std::collections::BTreeSet;
 
@@ -15,7 +15,7 @@ use std::collections::BTreeSet;
 pub(super) struct Use {
     /// Page of the lightmap.
     pub(super) page: u32,
-    /// n of the TEXCOORD_n that it is on.
+    /// n of the `TEXCOORD_n` that it is on.
     pub(super) set: usize,
 }
 
@@ -96,7 +96,7 @@ fn with_lightmap(material: &str, texture: usize, set: usize, quantity: Quantity)
     splice.apply()
 }
 
-/// Anything below `element` but an old lightmap reads TEXCOORD_`set`: a member `texCoord` has that value.
+/// Anything below `element` but an old lightmap reads texture coordinate set `set`: a member `texCoord` has that value.
 pub(super) fn reads_uv_set(element: &Element<'_>, set: usize) -> bool {
     let member = |(key, value): &(String, Element<'_>)| {
         key != "MOZ_lightmap" && (key == "texCoord" && value.index() == Some(set) || reads_uv_set(value, set))
@@ -128,7 +128,8 @@ mod tests {
 
     #[test]
     fn an_old_lightmap_is_replaced_and_other_extensions_stay() {
-        let old = "{\"name\":\"m\",\"extensions\":{\"X\":{\"a\":1.50},\"MOZ_lightmap\":{\"index\":9}},\"alphaCutoff\":0.50}";
+        let old =
+            "{\"name\":\"m\",\"extensions\":{\"X\":{\"a\":1.50},\"MOZ_lightmap\":{\"index\":9}},\"alphaCutoff\":0.50}";
         let new = with_lightmap(old, 3, 1, Quantity::Irradiance).unwrap();
         let expected = "{\"index\": 3, \"texCoord\": 1, \"intensity\": 1}";
         assert_eq!(new, old.replace("{\"index\":9}", expected));
@@ -142,6 +143,8 @@ mod tests {
         let uses = |text: &str| reads_uv_set(&Element::root(text).unwrap(), 1);
         assert!(uses("{\"occlusionTexture\":{\"index\":0,\"texCoord\":1}}"));
         assert!(uses("{\"a\":[{\"extensions\":{\"KHR_texture_transform\":{\"texCoord\":1}}}]}"));
-        assert!(!uses("{\"occlusionTexture\":{\"index\":1,\"texCoord\":0},\"extensions\":{\"MOZ_lightmap\":{\"texCoord\":1}}}"));
+        assert!(!uses(
+            "{\"occlusionTexture\":{\"index\":1,\"texCoord\":0},\"extensions\":{\"MOZ_lightmap\":{\"texCoord\":1}}}"
+        ));
     }
 }

@@ -1,6 +1,6 @@
 //! Meshes with a lightmap: what of a primitive is shared, what is written anew.
 //!
-//! A primitive whose vertices stay as they are keeps its accessors and indices and gains TEXCOORD_n. One whose vertices
+//! A primitive whose vertices stay as they are keeps its accessors and indices and gains `TEXCOORD_n`. One whose vertices
 //! were split gets all attributes and morph targets again, element by element, byte for byte in their component type,
 //! and its triangles as a list. One that lies on several pages becomes one primitive per page, with common attributes.
 //! Everything else of it (extras, extensions, material variants) is carried over.
@@ -16,7 +16,6 @@ use super::material::Use;
 use super::plan::Baked;
 use super::plan::Elements;
 use super::plan::Instance;
-use super::reader;
 use crate::atlas::Atlas;
 use crate::atlas::NO_CHART;
 use crate::base::Warning;
@@ -148,12 +147,7 @@ impl<'a> Meshes<'a> {
     }
 
     /// The attributes and morph targets of a primitive, shared by its pages.
-    fn vertex_edits<'e>(
-        &mut self,
-        root: &Element<'e>,
-        baked: &Baked,
-        split: usize,
-    ) -> Result<VertexEdits<'e>, Error> {
+    fn vertex_edits<'e>(&mut self, root: &Element<'e>, baked: &Baked, split: usize) -> Result<VertexEdits<'e>, Error> {
         let charted = &self.atlas.parts[baked.part];
         let count = charted.source_vertex.len();
         let mut edits = VertexEdits { replaced: Vec::new(), added: Vec::new() };
@@ -206,7 +200,7 @@ impl<'a> Meshes<'a> {
         }
         let picked = self.splits[split].source_vertex;
         let old = self.elements.accessors.get(source).ok_or_else(|| self.missing(baked, name))?;
-        let data = reader::accessor(&self.scene.document, source)?;
+        let data = self.scene.document.accessor(source)?;
         let kind = old.get("type").and_then(|t| t.string()).unwrap_or_default();
         let complete = data.bytes.len() >= data.count * data.components * component_size(data.component_type);
         if !complete || picked.iter().any(|&v| v as usize >= data.count) {
@@ -237,8 +231,7 @@ impl<'a> Meshes<'a> {
             chart => self.atlas.charts[chart as usize].page == page,
         };
         let of_page = charted.triangles.iter().zip(&charted.chart).filter(|(_, chart)| home(**chart));
-        let list: Vec<u32> =
-            of_page.flat_map(|(&[a, b, c], _)| if mirrored { [a, c, b] } else { [a, b, c] }).collect();
+        let list: Vec<u32> = of_page.flat_map(|(&[a, b, c], _)| if mirrored { [a, c, b] } else { [a, b, c] }).collect();
         if let Some((_, done)) = self.splits[split].indices.iter().find(|(written, _)| *written == list) {
             return *done;
         }

@@ -7,7 +7,7 @@
 //!   texture without a core image, or an EXR among the images, makes loaders refuse the file;
 //! * `extras.lightmap` on the scenes that show baked nodes: a manifest of the pages;
 //! * a mesh per baked node that shares every accessor but its lightmap coordinates (`mesh`);
-//! * TEXCOORD_0 of zeros where there is none, since numbered attributes must not leave gaps.
+//! * `TEXCOORD_0` of zeros where there is none, since numbered attributes must not leave gaps.
 //!
 //! Nothing is renumbered or taken away; every byte of the JSON outside of these places stays.
 //!
@@ -19,7 +19,6 @@ mod container;
 mod material;
 mod mesh;
 mod plan;
-mod reader;
 
 use super::Error;
 use super::names::PageFiles;
@@ -35,12 +34,14 @@ use crate::base::Warning;
 use crate::scene::Scene;
 use append::Append;
 use container::Container;
-use container::Files;
 use mesh::Meshes;
 use plan::Elements;
 use plan::Instance;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
+
+/// Files with their contents.
+pub type Files = Vec<(PathBuf, Vec<u8>)>;
 
 /// What a lightmap texel holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -93,7 +94,7 @@ pub fn write_gltf(
     atlas: &Atlas,
     pages: &[PageFiles],
     settings: &Settings,
-) -> Result<Warned<Vec<(PathBuf, Vec<u8>)>>, Error> {
+) -> Result<Warned<Files>, Error> {
     let document = &scene.document;
     let mut warnings = Vec::new();
     if pages.len() != atlas.pages as usize {
@@ -131,7 +132,7 @@ pub fn write_gltf(
     generator(&mut splice, &root, &settings.generator).map_err(fault)?;
     let container = Container::new(document, &root, &settings.output);
     let bytes = container.place(&mut splice, &root, meshes.append, &mut warnings)?;
-    let output: Files = container.assemble(splice.apply().map_err(fault)?, bytes)?;
+    let output = container.assemble(splice.apply().map_err(fault)?, bytes)?;
     Ok(Warned { output, warnings })
 }
 

@@ -2,8 +2,8 @@
 //!
 //! In: scene, atlas and the document's elements. Out: one [`Instance`] per node that has light on it.
 //!
-//! A primitive is baked if a chart lies on one of its triangles. Its lightmap is on TEXCOORD_1, unless textures of its
-//! material read a TEXCOORD_1 that would have to change; then it is on the next free set. The first instance of a mesh
+//! A primitive is baked if a chart lies on one of its triangles. Its lightmap is on `TEXCOORD_1`, unless textures of its
+//! material read a `TEXCOORD_1` that would have to change; then it is on the next free set. The first instance of a mesh
 //! takes the mesh's place if every node that uses the mesh is baked; all other instances go behind the existing meshes.
 
 use super::material::Use;
@@ -20,7 +20,7 @@ use glam::Vec2;
 use std::collections::BTreeMap;
 use std::collections::BTreeSet;
 
-/// How far [texels] an existing TEXCOORD_1 may be from the wanted place to be used as it is: well below what a bilinear
+/// How far [texels] an existing `TEXCOORD_1` may be from the wanted place to be used as it is: well below what a bilinear
 /// look-up shows at half precision.
 const SAME_PLACE: f32 = 1.0 / 256.0;
 
@@ -40,9 +40,9 @@ pub(super) struct Baked {
     pub(super) part: usize,
     /// Pages that its triangles lie on, in order.
     pub(super) pages: Vec<u32>,
-    /// n of its lightmap's TEXCOORD_n.
+    /// n of its lightmap's `TEXCOORD_n`.
     pub(super) set: usize,
-    /// The TEXCOORD_n that is there already is right.
+    /// The `TEXCOORD_n` that is there already is right.
     pub(super) keep_uv: bool,
     /// Output vertices equal source vertices.
     pub(super) unsplit: bool,
@@ -158,7 +158,8 @@ fn baked(
     let unsplit = identity && count == Some(charted.source_vertex.len());
     let keep_uv = unsplit && charted.kept && accessor("TEXCOORD_1").is_some() && in_place(scene, atlas, part);
     let read_by_textures = || {
-        let materials = materials_of(primitive).into_iter().flatten().filter_map(|m| elements.materials.get(m).copied());
+        let materials =
+            materials_of(primitive).into_iter().flatten().filter_map(|m| elements.materials.get(m).copied());
         materials.chain(primitive.get("extensions")).any(|e| reads_uv_set(&e, 1))
     };
     let mut set = 1;
@@ -170,7 +171,7 @@ fn baked(
     Baked { part, pages, set, keep_uv, unsplit }
 }
 
-/// The part's own TEXCOORD_1 is where the atlas wants it.
+/// The part's own `TEXCOORD_1` is where the atlas wants it.
 fn in_place(scene: &Scene, atlas: &Atlas, part: usize) -> bool {
     let charted = &atlas.parts[part];
     let range = &scene.parts[part].vertices;

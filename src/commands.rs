@@ -1,0 +1,149 @@
+//! The commands of the program, from typed options to exit code.
+
+use crate::show;
+use std::path::Path;
+use std::sync::Arc;
+use texelwalk::bake::{self, Observer, Request};
+use texelwalk::base::Progress;
+use texelwalk::cli;
+use texelwalk::output::exr;
+use texelwalk::scene;
+use texelwalk::settings::Options;
+use texelwalk::{compare, inspect, output, render};
+
+/// Exit codes; a contract with build systems.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub(crate) enum Exit {
+    /// All is well.
+    Ok = 0,
+    /// The bake failed.
+    Failed = 1,
+    /// The command line or a configuration file is wrong.
+    Usage = 2,
+    /// The input is invalid or needs something that is not supported.
+    Input = 3,
+    /// The file system said no.
+    Io = 4,
+    /// There were warnings under `--strict`.
+    Strict = 5,
+    /// `compare` found a difference.
+    Differs = 7,
+    /// Interrupted.
+    Interrupted = 130,
+}
+
+type Outcome = Result<Exit, (Exit, String)>;
+
+pub(crate) fn bake(typed: cli::Bake) -> Outcome {
+    let usage = |e: &dyn std::fmt::Display| (Exit::Usage, e.to_string());
+    let mut options = typed.options;
+    let mut also_read = vec![];
+    if let Some(path) = &typed.config {
+        let text = std::fs::read_to_string(path).map_err(|e| (Exit::Io, format!("{}: {e}", path.display())))?;
+        let below = Options::from_toml(&text).map_err(|e| (Exit::Usage, format!("{}: {e}", path.display())))?;
+        options = options.over(below);
+        also_read.push(path.clone());
+    }
+    let options = options.over(Options::preset(typed.preset).map_err(|e| usage(&e))?);
+    let settings = options.settings().map_err(|e| usage(&e))?;
+    start_threads(options.threads)?;
+    let progress = Arc::new(Progress::default());
+    let flag = Arc::clone(&progress);
+    ctrlc::set_handler(move || flag.cancel()).map_err(|e| (Exit::Failed, e.to_string()))?;
+
+    let observer: Box<dyn Observer> = show::observer(typed.quiet, typed.verbose);
+    let request = Request {
+        input: typed.input,
+        output: typed.output,
+        settings,
+        report: typed.report,
+        depfile: typed.depfile,
+        also_read,
+    };
+    let outcome = bake::bake(&request, observer.as_ref(), progress).map_err(|e| (bake_exit(&e), e.to_string()))?;
+    if !typed.quiet {
+        show::outcome(&outcome, typed.verbose);
+    }
+    if typed.json {
+        let bytes = outcome.report.to_json(Path::new("-")).map_err(|e| (Exit::Failed, e.to_string()))?;
+        show::data(&bytes)?;
+    }
+    let strict = typed.strict && !outcome.report.warnings.is_empty();
+    Ok(if strict { Exit::Strict } else { Exit::Ok })
+}
+
+fn start_threads(threads: Option<usize>) -> Result<(), (Exit, String)> {
+    const MOST_THREADS: usize = 1024;
+    let Some(n) = threads else { return Ok(()) };
+    if !(1..=MOST_THREADS).contains(&n) {
+        return Err((Exit::Usage, format!("--threads {n} is out of range; it must lie between 1 and {MOST_THREADS}")));
+    }
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(n).build_global();
+    pool.map_err(|e| (Exit::Failed, format!("cannot start {n} threads: {e}")))
+}
+
+fn bake_exit(error: &bake::Error) -> Exit {
+    match error {
+        bake::Error::Scene(e) => scene_exit(e),
+        bake::Error::Atlas(_) => Exit::Failed,
+        bake::Error::Output(e) => output_exit(e),
+        bake::Error::Interrupted => Exit::Interrupted,
+    }
+}
+
+fn scene_exit(error: &scene::Error) -> Exit {
+    match error.class() {
+        scene::Class::Io => Exit::Io,
+        scene::Class::Invalid | scene::Class::Unsupported => Exit::Input,
+    }
+}
+
+fn output_exit(error: &output::Error) -> Exit {
+    match error {
+        output::Error::Io { .. } => Exit::Io,
+        output::Error::Invalid { .. } => Exit::Input,
+        output::Error::Interrupted => Exit::Interrupted,
+    }
+}
+
+pub(crate) fn inspect(typed: &cli::Inspect) -> Outcome {
+    let preset = Options::preset(typed.preset).map_err(|e| (Exit::Usage, e.to_string()))?;
+    let own = Options { texels_per_meter: typed.texels_per_meter, scene: typed.scene, ..Options::default() };
+    let settings = own.over(preset).settings().map_err(|e| (Exit::Usage, e.to_string()))?;
+    let facts = inspect::inspect(&typed.input, &settings).map_err(|e| (bake_exit(&e), e.to_string()))?;
+    let text = if typed.json { facts.to_json() } else { facts.to_text() };
+    show::data(text.as_bytes())?;
+    Ok(Exit::Ok)
+}
+
+pub(crate) fn compare(typed: &cli::Compare) -> Outcome {
+    let read = |path: &Path| exr::read_rgba(path).map_err(|e| (output_exit(&e), e.to_string()));
+    let (reference, test) = (read(&typed.reference)?, read(&typed.test)?);
+    let mask = typed.mask.as_deref().map(read).transpose()?;
+    let result = compare::compare(&reference, &test, mask.as_ref()).map_err(|e| (Exit::Input, e.to_string()))?;
+    let text = if typed.json { result.to_json() } else { result.to_text() };
+    show::data(text.as_bytes())?;
+    let differs = typed.fail.is_some_and(|most| !(result.nrmse <= most));
+    Ok(if differs { Exit::Differs } else { Exit::Ok })
+}
+
+pub(crate) fn render(typed: &cli::Render) -> Outcome {
+    let settings = render::Settings {
+        camera: typed.camera,
+        auto: typed.auto,
+        width: typed.width,
+        height: typed.height,
+        samples: typed.samples,
+        exposure: typed.exposure,
+        scene: typed.scene,
+    };
+    let exit = |e: &render::Error| match e {
+        render::Error::Scene(e) => scene_exit(e),
+        render::Error::Output(e) => output_exit(e),
+        render::Error::Setting(_) => Exit::Usage,
+        _ => Exit::Input,
+    };
+    render::to_file(&typed.input, &typed.output, &settings).map_err(|e| (exit(&e), e.to_string()))?;
+    Ok(Exit::Ok)
+}

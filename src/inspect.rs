@@ -1,0 +1,211 @@
+//! What would be baked: parts with their area and texels, lights, materials, and what was odd.
+//!
+//! In: a document and bake settings. Out: [`Facts`], as a table or as JSON. Loads and charts, but traces no ray.
+
+use crate::atlas::{self, Atlas, NO_CHART};
+use crate::bake::Error;
+use crate::base::Warning;
+use crate::scene::{self, Alpha, Light, Scene};
+use crate::settings::Settings;
+use std::fmt::Write;
+use std::path::Path;
+
+/// Everything that `inspect` tells. The names are the keys of its JSON.
+#[derive(Debug, serde::Serialize)]
+pub struct Facts {
+    /// The document.
+    pub input: String,
+    /// One entry per primitive as placed by a node.
+    pub parts: Vec<PartFacts>,
+    /// Materials that parts use.
+    pub materials: Vec<MaterialFacts>,
+    /// Punctual lights.
+    pub lights: Vec<String>,
+    /// Names of the cameras.
+    pub cameras: Vec<String>,
+    /// Density that was reached [texels/m].
+    pub texels_per_meter: f32,
+    /// Lightmap pages.
+    pub pages: u32,
+    /// Width and height of the pages [texels].
+    pub page_size: [u32; 2],
+    /// Charts on all pages.
+    pub charts: usize,
+    /// Texels that charts cover.
+    pub texels: u64,
+    /// Covered part of the pages in [0, 1].
+    pub utilization: f64,
+    /// What was odd.
+    pub warnings: Vec<Warning>,
+}
+
+/// One primitive as placed by one node.
+#[derive(Debug, serde::Serialize)]
+pub struct PartFacts {
+    /// Name of the node.
+    pub node: String,
+    /// Index of the mesh and of the primitive in it.
+    pub mesh: [usize; 2],
+    /// Triangles.
+    pub triangles: usize,
+    /// World area [m²].
+    pub area: f64,
+    /// Charts.
+    pub charts: usize,
+    /// Name of the material.
+    pub material: String,
+    /// Which UVs: `kept`, `charted`, or `none` for what receives no light.
+    pub uv: &'static str,
+}
+
+/// One material as light sees it.
+#[derive(Debug, serde::Serialize)]
+pub struct MaterialFacts {
+    /// Its name.
+    pub name: String,
+    /// Factor of the diffuse reflectance, textures left out.
+    pub reflectance: [f32; 3],
+    /// Emitted radiance, textures left out [cd/m²].
+    pub emission: [f32; 3],
+    /// Both sides are lit.
+    pub double_sided: bool,
+    /// `opaque`, `mask` or `blend`.
+    pub alpha: &'static str,
+    /// Blocks light and receives none.
+    pub unlit: bool,
+}
+
+/// Looks at a document as `bake` would see it.
+///
+/// # Errors
+/// As for `bake`, without writing.
+pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
+    let how = scene::Settings { scene: settings.scene, sky: settings.sky(), sun_angle: None };
+    let loaded = scene::load(input, &how)?;
+    let scene = loaded.output;
+    let charted = atlas::build(
+        &scene,
+        &atlas::Settings {
+            texels_per_meter: settings.texels_per_meter,
+            page_size: settings.page_size,
+            max_pages: settings.max_pages,
+            padding: settings.padding,
+            uv: settings.atlas_uv(),
+            ..atlas::Settings::default()
+        },
+    )?;
+    let atlas = charted.output;
+    let mut used: Vec<usize> = scene.parts.iter().map(|p| p.material).collect();
+    used.sort_unstable();
+    used.dedup();
+    Ok(Facts {
+        input: input.display().to_string(),
+        parts: (0..scene.parts.len()).map(|i| part(&scene, &atlas, i)).collect(),
+        materials: used.into_iter().map(|m| material(&scene, m)).collect(),
+        lights: scene.lights.iter().map(light).collect(),
+        cameras: scene.cameras.iter().map(|c| c.name.clone()).collect(),
+        texels_per_meter: atlas.texels_per_meter,
+        pages: atlas.pages,
+        page_size: atlas.page_size,
+        charts: atlas.charts.len(),
+        texels: atlas.covered_texels,
+        utilization: atlas.utilization(),
+        warnings: loaded.warnings.into_iter().chain(charted.warnings).collect(),
+    })
+}
+
+fn part(scene: &Scene, atlas: &Atlas, index: usize) -> PartFacts {
+    let (part, charted) = (&scene.parts[index], &atlas.parts[index]);
+    let mut charts: Vec<u32> = charted.chart.iter().copied().filter(|&c| c != NO_CHART).collect();
+    charts.sort_unstable();
+    charts.dedup();
+    PartFacts {
+        node: part.name.clone(),
+        mesh: [part.mesh, part.primitive],
+        triangles: part.triangles.len(),
+        area: part.triangles.clone().map(|t| scene.area(t)).fold(0.0, |a, b| a + b),
+        charts: charts.len(),
+        material: scene.materials[part.material].name.clone(),
+        uv: match (part.receives, charted.kept) {
+            (false, _) => "none",
+            (true, true) => "kept",
+            (true, false) => "charted",
+        },
+    }
+}
+
+fn material(scene: &Scene, index: usize) -> MaterialFacts {
+    let m = &scene.materials[index];
+    MaterialFacts {
+        name: m.name.clone(),
+        reflectance: (m.base_color.truncate() * (1.0 - m.metallic)).to_array(),
+        emission: m.emission.to_array(),
+        double_sided: m.double_sided,
+        alpha: match m.alpha {
+            Alpha::Opaque => "opaque",
+            Alpha::Mask(_) => "mask",
+            Alpha::Blend => "blend",
+        },
+        unlit: m.unlit,
+    }
+}
+
+fn light(light: &Light) -> String {
+    match light {
+        Light::Sun { illuminance: i, .. } => format!("sun {:.3} {:.3} {:.3} lx", i.x, i.y, i.z),
+        Light::Point { intensity: i, .. } => format!("point {:.3} {:.3} {:.3} cd", i.x, i.y, i.z),
+        Light::Spot { intensity: i, .. } => format!("spot {:.3} {:.3} {:.3} cd", i.x, i.y, i.z),
+    }
+}
+
+impl Facts {
+    /// JSON with a final line break.
+    #[must_use]
+    pub fn to_json(&self) -> String {
+        serde_json::to_string_pretty(self).map_or(String::new(), |s| s + "\n")
+    }
+
+    /// Tables for people.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        let mut out = String::new();
+        let _ = self.write_tables(&mut out);
+        out
+    }
+
+    fn write_tables(&self, out: &mut String) -> std::fmt::Result {
+        writeln!(out, "{}", self.input)?;
+        writeln!(out, "\n{:<28} {:>10} {:>10} {:>7}  {:<8} material", "node", "triangles", "area m2", "charts", "uv")?;
+        for p in &self.parts {
+            let row = (&p.node, p.triangles, p.area, p.charts, p.uv, &p.material);
+            writeln!(out, "{:<28} {:>10} {:>10.3} {:>7}  {:<8} {}", row.0, row.1, row.2, row.3, row.4, row.5)?;
+        }
+        writeln!(out, "\n{:<28} {:<20} {:<20} alpha", "material", "reflectance", "emission cd/m2")?;
+        let triple = |v: [f32; 3]| format!("{:.3} {:.3} {:.3}", v[0], v[1], v[2]);
+        for m in &self.materials {
+            let mut notes = m.alpha.to_owned();
+            for (set, word) in [(m.double_sided, ", double-sided"), (m.unlit, ", unlit")] {
+                notes += if set { word } else { "" };
+            }
+            writeln!(out, "{:<28} {:<20} {:<20} {notes}", m.name, triple(m.reflectance), triple(m.emission))?;
+        }
+        for l in &self.lights {
+            writeln!(out, "light: {l}")?;
+        }
+        for (i, c) in self.cameras.iter().enumerate() {
+            writeln!(out, "camera {i}: {c}")?;
+        }
+        let used = self.utilization * 100.0;
+        let [width, height] = self.page_size;
+        writeln!(
+            out,
+            "\n{} texels in {} charts on {} page(s) of {width}x{height} ({used:.0} % used) at {} texels/m",
+            self.texels, self.charts, self.pages, self.texels_per_meter
+        )?;
+        for w in &self.warnings {
+            let node = w.node.as_ref().map_or(String::new(), |n| format!(" [{n}]"));
+            writeln!(out, "warning: {}{node}: {}", w.code, w.message)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,138 @@
+//! Pictures of the lightmap's layout instead of its light: charts, or texel density.
+//!
+//! A chart here is what the document shows of one: triangles that share vertices. Density is texels per metre on the
+//! surface, from blue (an eighth of the median over the area or less) over green (the median) to red (eight times or
+//! more), under a checkerboard of single texels.
+
+use super::Lightmaps;
+use crate::base::Rgb;
+use crate::base::random::mix;
+use crate::base::random::unit_f32;
+use crate::scene::Scene;
+use crate::trace::Hit;
+use crate::trace::Ray;
+use glam::Vec2;
+
+/// What to show instead of light.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Overlay {
+    /// Light.
+    #[default]
+    None,
+    /// A colour per chart.
+    Charts,
+    /// Texels, coloured by density.
+    Density,
+}
+
+/// Colours surfaces for an overlay.
+pub(super) struct Painter<'a> {
+    scene: &'a Scene,
+    lightmaps: &'a Lightmaps,
+    overlay: Overlay,
+    /// Representative vertex of every vertex's chart.
+    chart: Vec<u32>,
+    /// Median over the area [texels/m].
+    density: f32,
+}
+
+impl<'a> Painter<'a> {
+    pub(super) fn new(scene: &'a Scene, lightmaps: &'a Lightmaps, overlay: Overlay) -> Self {
+        let chart = if overlay == Overlay::Charts { charts(scene) } else { Vec::new() };
+        let density = if overlay == Overlay::Density { median_density(scene, lightmaps) } else { 1.0 };
+        Self { scene, lightmaps, overlay, chart, density }
+    }
+
+    /// Linear display colour of a hit; `None` = show the light.
+    pub(super) fn color(&self, hit: &Hit, ray: &Ray) -> Option<Rgb> {
+        if self.overlay == Overlay::None {
+            return None;
+        }
+        let facing = self.scene.geometric_normal(hit.triangle).dot(ray.direction.normalize_or_zero()).abs();
+        let shade = 0.35 + 0.65 * facing;
+        let Some(corners) = self.lightmaps.texels(self.scene, hit.triangle) else {
+            return Some(Rgb::splat(0.1 * shade));
+        };
+        let color = if self.overlay == Overlay::Charts {
+            let v = self.scene.triangles[hit.triangle as usize][0] as usize;
+            let hash = mix(u64::from(self.chart.get(v).copied().unwrap_or(0)) + 1);
+            rainbow(unit_f32(hash as u32)) * (0.4 + 0.6 * unit_f32((hash >> 32) as u32))
+        } else {
+            let at = corners[0] * (1.0 - hit.b.x - hit.b.y) + corners[1] * hit.b.x + corners[2] * hit.b.y;
+            let odd = (at.x.floor() as i64 + at.y.floor() as i64) & 1;
+            let stops = libm::log2f(density(self.scene, hit.triangle, corners) / self.density.max(f32::MIN_POSITIVE));
+            rainbow(((3.0 - stops) / 6.0).clamp(0.0, 1.0) * 0.66) * if odd == 0 { 1.0 } else { 0.6 }
+        };
+        Some(color * shade)
+    }
+}
+
+/// Hue 0 = red, 1/3 = green, 2/3 = blue.
+fn rainbow(hue: f32) -> Rgb {
+    let channel = |shift: f32| {
+        let x = (hue + shift).fract() * 6.0;
+        ((x - 3.0).abs() - 1.0).clamp(0.0, 1.0)
+    };
+    Rgb::new(channel(0.0), channel(2.0 / 3.0), channel(1.0 / 3.0)) * 0.8 + Rgb::splat(0.05)
+}
+
+/// Texels per metre of a triangle.
+fn density(scene: &Scene, triangle: u32, [a, b, c]: [Vec2; 3]) -> f32 {
+    let texels = f64::from((b - a).perp_dot(c - a).abs()) * 0.5;
+    let area = scene.area(triangle);
+    if area > 0.0 { (texels / area).sqrt() as f32 } else { 0.0 }
+}
+
+fn median_density(scene: &Scene, lightmaps: &Lightmaps) -> f32 {
+    let mut all: Vec<(f32, f64)> = (0..scene.triangles.len() as u32)
+        .filter_map(|t| Some((density(scene, t, lightmaps.texels(scene, t)?), scene.area(t))))
+        .filter(|(d, _)| *d > 0.0)
+        .collect();
+    all.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let half = all.iter().map(|(_, area)| area).fold(0.0, |a, b| a + b) * 0.5;
+    let mut seen = 0.0;
+    let middle = all.iter().find(|(_, area)| {
+        seen += area;
+        seen >= half
+    });
+    middle.map_or(1.0, |(d, _)| *d)
+}
+
+/// Union of vertices that triangles connect; the smallest vertex stands for its chart.
+fn charts(scene: &Scene) -> Vec<u32> {
+    let mut parent: Vec<u32> = (0..scene.vertices.position.len() as u32).collect();
+    fn root(parent: &mut [u32], mut v: u32) -> u32 {
+        while parent[v as usize] != v {
+            parent[v as usize] = parent[parent[v as usize] as usize];
+            v = parent[v as usize];
+        }
+        v
+    }
+    for &[a, b, c] in &scene.triangles {
+        for (x, y) in [(a, b), (a, c)] {
+            let (x, y) = (root(&mut parent, x), root(&mut parent, y));
+            parent[x.max(y) as usize] = x.min(y);
+        }
+    }
+    (0..parent.len() as u32).map(|v| root(&mut parent, v)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hues() {
+        let order = |c: Rgb| c.to_array().map(|v| v > 0.5);
+        assert_eq!(order(rainbow(0.0)), [true, false, false]);
+        assert_eq!(order(rainbow(1.0 / 3.0)), [false, true, false]);
+        assert_eq!(order(rainbow(2.0 / 3.0)), [false, false, true]);
+    }
+
+    #[test]
+    fn charts_are_what_triangles_connect() {
+        let mut scene = Scene { triangles: vec![[3, 1, 2], [4, 5, 6], [6, 7, 4], [2, 0, 1]], ..Scene::default() };
+        scene.vertices.position = vec![glam::Vec3::ZERO; 9];
+        assert_eq!(charts(&scene), [0, 0, 0, 0, 4, 4, 4, 4, 8]);
+    }
+}

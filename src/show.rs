@@ -1,0 +1,146 @@
+//! What a person sees on the terminal: progress, warnings, what was written where.
+//!
+//! Standard error only; standard output is for data. On a terminal there is a bar per stage with the time that is left,
+//! elsewhere a line per stage.
+
+#![allow(clippy::print_stderr, reason = "this file is the terminal")]
+
+use crate::commands::Exit;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::io::{IsTerminal, Write};
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+use texelwalk::bake::{Observer, Outcome};
+use texelwalk::base::Progress;
+
+/// Time between two looks at the progress of a stage.
+const REFRESH: Duration = Duration::from_millis(100);
+
+/// One clear line.
+pub(crate) fn error(message: &str) {
+    eprintln!("error: {message}");
+}
+
+/// Writes data to standard output; a reader that went away is no error.
+pub(crate) fn data(bytes: &[u8]) -> Result<(), (Exit, String)> {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(bytes).and_then(|()| out.flush()) {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err((Exit::Io, format!("standard output: {e}"))),
+        _ => Ok(()),
+    }
+}
+
+/// The observer that fits the terminal and the options.
+pub(crate) fn observer(quiet: bool, verbose: bool) -> Box<dyn Observer> {
+    if quiet {
+        Box::new(Silent)
+    } else if std::io::stderr().is_terminal() && !verbose {
+        Box::new(Bars::default())
+    } else {
+        Box::new(Lines)
+    }
+}
+
+/// Warnings, then files, then one line of figures.
+pub(crate) fn outcome(outcome: &Outcome, verbose: bool) {
+    let report = &outcome.report;
+    for w in &report.warnings {
+        let node = w.node.as_ref().map_or(String::new(), |n| format!(" [{n}]"));
+        eprintln!("warning: {}{node}: {}", w.code, w.message);
+    }
+    for (path, bytes) in &outcome.files {
+        eprintln!("wrote {} ({})", path.display(), size(*bytes));
+    }
+    let atlas = &report.atlas;
+    let error = report.error.estimated_nrmse.map_or(String::new(), |e| format!(", estimated error {:.2} %", e * 100.0));
+    eprintln!(
+        "{} texels on {} page{} of {}x{} ({:.0} % used), {} bounces{error}",
+        atlas.texels,
+        atlas.pages,
+        if atlas.pages == 1 { "" } else { "s" },
+        atlas.page_size[0],
+        atlas.page_size[1],
+        atlas.utilization * 100.0,
+        report.walk.bounces,
+    );
+    if verbose {
+        let rate = report.rays_per_second / 1e6;
+        eprintln!("{} rays at {rate:.2} M/s, peak memory {}", report.rays, size(report.peak_memory_bytes));
+    }
+}
+
+fn size(bytes: u64) -> String {
+    let units = [(1u64 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB")];
+    match units.iter().find(|(unit, _)| bytes >= *unit) {
+        Some((unit, name)) => format!("{:.1} {name}", bytes as f64 / *unit as f64),
+        None => format!("{bytes} B"),
+    }
+}
+
+struct Silent;
+
+impl Observer for Silent {
+    fn stage(&self, _: &'static str, _: &Arc<Progress>) {}
+    fn done(&self, _: &'static str, _: f64) {}
+}
+
+struct Lines;
+
+impl Observer for Lines {
+    fn stage(&self, _: &'static str, _: &Arc<Progress>) {}
+
+    fn done(&self, name: &'static str, seconds: f64) {
+        eprintln!("{name:<8} {seconds:8.2} s");
+    }
+}
+
+/// A bar per stage, drawn by a thread of its own.
+#[derive(Default)]
+struct Bars {
+    current: Mutex<Option<Running>>,
+}
+
+struct Running {
+    bar: ProgressBar,
+    stop: Arc<AtomicBool>,
+    thread: Option<std::thread::JoinHandle<()>>,
+}
+
+impl Observer for Bars {
+    fn stage(&self, name: &'static str, progress: &Arc<Progress>) {
+        let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr());
+        let style = ProgressStyle::with_template("{prefix:>8} {bar:30} {percent:>3} %  {elapsed} left {eta}  ");
+        if let Ok(style) = style {
+            bar.set_style(style);
+        }
+        bar.set_prefix(name);
+        let stop = Arc::new(AtomicBool::new(false));
+        let (b, s, p) = (bar.clone(), Arc::clone(&stop), Arc::clone(progress));
+        let thread = std::thread::spawn(move || {
+            while !s.load(Relaxed) {
+                let (done, total) = p.state();
+                if total > 0 {
+                    b.set_length(total);
+                    b.set_position(done.min(total));
+                }
+                std::thread::park_timeout(REFRESH);
+            }
+        });
+        let running = Running { bar, stop, thread: Some(thread) };
+        *self.current.lock().unwrap_or_else(PoisonError::into_inner) = Some(running);
+    }
+
+    fn done(&self, name: &'static str, seconds: f64) {
+        let running = self.current.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let Some(mut running) = running {
+            running.stop.store(true, Relaxed);
+            if let Some(thread) = running.thread.take() {
+                thread.thread().unpark();
+                let _ = thread.join();
+            }
+            running.bar.finish_and_clear();
+        }
+        eprintln!("{name:>8} {seconds:8.2} s");
+    }
+}
