@@ -137,9 +137,12 @@ pub struct Render {
     /// Samples per pixel
     #[arg(long, value_name = "N", default_value_t = 16)]
     pub samples: u32,
-    /// Factor on the light before the tone curve [default: by the picture's mean]
-    #[arg(long, value_name = "X")]
+    /// Exposure in stops [default: by the picture's log-average]
+    #[arg(long, value_name = "STOPS", allow_negative_numbers = true)]
     pub exposure: Option<f32>,
+    /// Show charts or texel density instead of light
+    #[arg(long, value_enum, default_value = "none")]
+    pub overlay: crate::render::Overlay,
     /// Scene of the document
     #[arg(long, value_name = "N")]
     pub scene: Option<usize>,

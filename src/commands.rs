@@ -6,7 +6,8 @@ use std::sync::Arc;
 use texelwalk::bake::{self, Observer, Request};
 use texelwalk::base::Progress;
 use texelwalk::cli;
-use texelwalk::output::exr;
+use texelwalk::output::{atomic, exr, png};
+use texelwalk::render::{Lightmaps, View};
 use texelwalk::scene;
 use texelwalk::settings::Options;
 use texelwalk::{compare, inspect, output, render};
@@ -104,6 +105,7 @@ fn output_exit(error: &output::Error) -> Exit {
         output::Error::Io { .. } => Exit::Io,
         output::Error::Invalid { .. } => Exit::Input,
         output::Error::Interrupted => Exit::Interrupted,
+        output::Error::Scene(e) => scene_exit(e),
     }
 }
 
@@ -129,21 +131,31 @@ pub(crate) fn compare(typed: &cli::Compare) -> Outcome {
 }
 
 pub(crate) fn render(typed: &cli::Render) -> Outcome {
+    let how = scene::Settings { scene: typed.scene, ..scene::Settings::default() };
+    let scene = scene::load(&typed.input, &how).map_err(|e| (scene_exit(&e), e.to_string()))?.output;
+    let lightmaps = Lightmaps::load(&scene.document).map_err(|e| (output_exit(&e), e.to_string()))?;
+    if lightmaps.is_empty() {
+        let path = typed.input.display();
+        return Err((Exit::Input, format!("{path}: has no lightmap; bake it first, and render what bake wrote")));
+    }
     let settings = render::Settings {
-        camera: typed.camera,
-        auto: typed.auto,
         width: typed.width,
         height: typed.height,
         samples: typed.samples,
         exposure: typed.exposure,
-        scene: typed.scene,
+        view: match (typed.auto, typed.camera) {
+            (true, _) => View::Auto,
+            (false, Some(n)) => View::Camera(n),
+            (false, None) => View::Default,
+        },
+        overlay: typed.overlay,
     };
-    let exit = |e: &render::Error| match e {
-        render::Error::Scene(e) => scene_exit(e),
-        render::Error::Output(e) => output_exit(e),
-        render::Error::Setting(_) => Exit::Usage,
-        _ => Exit::Input,
-    };
-    render::to_file(&typed.input, &typed.output, &settings).map_err(|e| (exit(&e), e.to_string()))?;
+    let picture = render::render(&scene, &lightmaps, &settings).map_err(|e| (Exit::Usage, e.to_string()))?;
+    let size = [picture.width, picture.height];
+    let bytes = png::picture(&typed.output, size, &picture.pixels).map_err(|e| (output_exit(&e), e.to_string()))?;
+    let inputs = &scene.document.files_read;
+    atomic::commit(&[(typed.output.clone(), bytes)], inputs, &|| false)
+        .map_err(|e| (output_exit(&e), e.to_string()))?;
+    show::wrote(&format!("{} ({}, exposure {:+.2} stops)", typed.output.display(), picture.camera, picture.exposure));
     Ok(Exit::Ok)
 }

@@ -30,6 +30,24 @@ pub struct Comparison {
     pub mean_test: f64,
 }
 
+impl Comparison {
+    /// JSON with a final line break.
+    #[must_use]
+    pub fn to_json(&self) -> String {
+        serde_json::to_string_pretty(self).map_or(String::new(), |s| s + "\n")
+    }
+
+    /// A table for people.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        format!(
+            "texels      {}\nMSE         {:.6e}\nNRMSE       {:.6}\nPSNR        {:.2} dB\nmax         {:.6e}\n\
+             mean ratio  {:.6}\n",
+            self.texels, self.mse, self.nrmse, self.psnr, self.max, self.mean_ratio
+        )
+    }
+}
+
 /// Why two pictures cannot be compared.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Error {

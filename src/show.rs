@@ -22,6 +22,11 @@ pub(crate) fn error(message: &str) {
     eprintln!("error: {message}");
 }
 
+/// One file that was written.
+pub(crate) fn wrote(what: &str) {
+    eprintln!("wrote {what}");
+}
+
 /// Writes data to standard output; a reader that went away is no error.
 pub(crate) fn data(bytes: &[u8]) -> Result<(), (Exit, String)> {
     let mut out = std::io::stdout().lock();

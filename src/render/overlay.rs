@@ -14,7 +14,7 @@ use crate::trace::Ray;
 use glam::Vec2;
 
 /// What to show instead of light.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum Overlay {
     /// Light.
     #[default]
