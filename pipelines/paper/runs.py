@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy
 
 import environment
-from pictures import interior, read_exr
+from coverage import coverage
+from pictures import read_exr
 
 # What the paper fixes, apart from the method itself: light is shot from the emitters, the walk is all there is.
 PAPER_OPTIONS = ("--preset", "paper", "--direct", "shoot", "--gather", "0", "--alpha", "5", "--beta", "15")
@@ -23,10 +24,10 @@ PAPER_OPTIONS = ("--preset", "paper", "--direct", "shoot", "--gather", "0", "--a
 
 @dataclass
 class Run:
-    """One bake: E/π per covered texel (patches × RGB), which of them are interior, and its times [s]."""
+    """One bake: E/π per charted texel (patches × RGB), shares of a whole texel, and times [s]."""
 
     radiosity: numpy.ndarray
-    interior: numpy.ndarray
+    share: numpy.ndarray
     walk_seconds: float
     wall_seconds: float
     baked: Path
@@ -84,19 +85,17 @@ def find_density(binary, scene, folder, patches, base):
 
 def read_run(report, wall, baked):
     """Patches of all pages of a bake."""
-    pages = sorted(baked.parent.glob(f"{baked.stem}.lightmap*.exr"))
+    pages = sorted(baked.parent.glob(f"{baked.stem}.lightmap*.exr"), key=lambda p: int("".join(filter(str.isdigit, p.name.rsplit(".lightmap", 1)[1]))))
     if not pages:
         environment.fail(f"{baked}: no lightmap pages beside it")
-    colors, inside = [], []
-    for page in pages:
-        pixels = read_exr(page)
-        charted = pixels[..., 3] > 0.5
-        colors.append(pixels[..., :3][charted].astype(numpy.float64))
-        inside.append(interior(charted)[charted])
+    pixels = [read_exr(page) for page in pages]
+    charted = [p[..., 3] > 0.5 for p in pixels]
+    colors = [p[..., :3][c].astype(numpy.float64) for p, c in zip(pixels, charted)]
+    shares = [s[c] for s, c in zip(coverage(baked, [c.shape for c in charted]), charted)]
     seconds = {s["name"]: s["seconds"] for s in report["stages"]}
     if "walk" not in seconds:
         environment.fail(f"the report has no stage called walk, only {sorted(seconds)}")
-    return Run(numpy.concatenate(colors), numpy.concatenate(inside), seconds["walk"], wall, baked)
+    return Run(numpy.concatenate(colors), numpy.concatenate(shares), seconds["walk"], wall, baked)
 
 
 def reference(binary, scene, folder, name, options):
