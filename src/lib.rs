@@ -1,4 +1,70 @@
-//! texelwalk bakes diffuse global illumination into lightmaps or vertex colours for glTF assets.
+//! texelwalk bakes diffuse global illumination into lightmaps for glTF assets, headless and reproducible.
+//!
+//! # The pipeline
+//!
+//! ```text
+//! scene ─► atlas ─► patches ─► light ─► walk ─► gather ─► finish ─► output
+//! glTF     xatlas    texels     direct   fuzzy    last      sharing   EXR, glTF,
+//!          charts    + links    light    random   bounce    dilation  PNG, report
+//!                                        walk     per texel
+//! ```
+//!
+//! [`bake`] runs it and is the only code that names every stage. [`scene`] reads a glTF into world-space triangles;
+//! after it nothing is optional. [`trace`] answers what a ray meets. [`atlas`] gives every surface a place on a lightmap
+//! page. [`patches`] makes every texel that a triangle touches a patch, and links neighbours that see each other.
+//! [`light`] finds direct light, [`walk`] all bounces, [`mod@gather`] the last bounce once more per texel. [`finish`]
+//! shares noisy light between neighbours, fills pages and dilates them. [`output`] turns results into bytes and puts
+//! them on the disk together. [`mod@inspect`], [`mod@compare`] and [`mod@render`] look at inputs and results.
+//! [`settings`] says what the options of [`cli`] mean.
+//!
+//! # Units
+//!
+//! | quantity | symbol | unit | where |
+//! |---|---|---|---|
+//! | position, distance | p, d | m | everywhere |
+//! | flux | Φ = A·E | lm | `walk` |
+//! | irradiance | E | lx = lm/m² | `light`, `walk`, `gather` |
+//! | radiance | L | cd/m² | emission, sky; stored lightmap E/π |
+//! | intensity | I | cd | point and spot lights: E = I·cos θ/d² |
+//! | illuminance of a sun | | lx | E = I·cos θ |
+//! | reflectance | ρ = base colour·(1 − metallic) | 1 | `patches`; a patch sends out ρ·E/π |
+//!
+//! Colours are linear Rec.709. There is no hidden factor between any two of these.
+//!
+//! # Invariants
+//!
+//! * **Invariant:** the same input, options and version give the same bytes at any thread count. Random numbers are
+//!   hashes of what they are for; flux is summed in fixed point; sums of floats run over fixed chunks in order;
+//!   transcendental functions come from `libm`; nothing uses fused multiply-add.
+//! * **Invariant:** only `scene` and `output` touch the file system, but for `render` reading lightmap pages through
+//!   them. Outputs appear together or not at all; an input is never overwritten.
+//! * **Invariant:** numeric stages return values and cannot fail; I/O stages have one error type each.
+//! * **Invariant:** no global state, no printing. What is odd becomes a [`base::Warning`].
+//! * **Invariant:** `walk` and `gather` know no file, material or light: a tracer, patches and flux are all they get.
+//!
+//! Which folder may name which other one is a table in `tests/tidy.rs`.
+//!
+//! # Glossary
+//!
+//! * *texel*: a cell of a lightmap page. *patch*: the surface in one texel, on one side; the unit of the solver.
+//! * *exposed*: the part of a patch that does not lie inside a solid. *link*: two patches between which light may be
+//!   shared. *line*: a ray that carries flux. *splat*: what a line gives to neighbours of the patch it hits.
+//! * *share*: flow of light along links, reversible, so that constant light stays constant.
+//! * *halves*: two solutions that share no random number; their difference is the error estimate.
+//!
+//! # Absent on purpose
+//!
+//! GPU code, a window, specular light, a denoiser that does not know where light comes from, and defaults that depend on
+//! the machine.
+//!
+//! # Bibliography
+//!
+//! * F. Castro, M. Feixas, M. Sbert: "Fuzzy Random Walk". Universitat de Girona, 2002. The walk and its splat.
+//! * P. Bekaert: "Hierarchical and Stochastic Algorithms for Radiosity". PhD thesis, KU Leuven, 1999. Shooting.
+//! * J. Arvo: "Stratified Sampling of Spherical Triangles". SIGGRAPH 1995. Emissive surfaces.
+//! * B. Burley: "Practical Hash-based Owen Scrambling". JCGT 9(4), 2020. Low-discrepancy points.
+//! * S. Woop, C. Benthin, I. Wald: "Watertight Ray/Triangle Intersection". JCGT 2(1), 2013.
+//! * Khronos Group: glTF 2.0 specification and the extension `KHR_lights_punctual`. Units and falloff.
 
 pub mod atlas;
 pub mod bake;
