@@ -386,6 +386,26 @@ fn unusable_layouts_are_charted_anew_with_the_reason() {
 }
 
 #[test]
+fn second_sets_of_the_parsing_fixture() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/primitives/primitives.gltf");
+    let scene = texelwalk::scene::load(std::path::Path::new(path), &Default::default()).unwrap().output;
+    let built = build(&scene, &settings(16.0));
+    let kept = |name: &str| {
+        let k = scene.parts.iter().position(|p| p.name == name).unwrap();
+        built.output.parts[k].kept
+    };
+    assert!(kept("GoodSecondSet"));
+    for (name, reason) in [
+        ("MirroredSecondSet", "mirrored"),
+        ("OverlappingSecondSet", "overlap"),
+        ("OutOfRangeSecondSet", "leaves the range"),
+    ] {
+        assert!(!kept(name), "{name}");
+        assert!(built.warnings.iter().any(|w| w.message.contains(name) && w.message.contains(reason)), "{name}");
+    }
+}
+
+#[test]
 fn primitives_of_a_node_share_a_layout_or_are_kept_alone() {
     let mut right = laid_out().map(|p| p + Vec3::Z);
     right.uv1.iter_mut().for_each(|p| p.y += 0.45);

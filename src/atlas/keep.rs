@@ -2,8 +2,7 @@
 //!
 //! The primitives of a node's mesh are laid out together if they share one layout, else one by one. The block is scaled
 //! alike in both directions so that its mean density is the wanted one. Usable means: finite, inside [0, 1]², no place
-//! covered twice (whatever the orientation: mirrored islands are fine as long as they lie apart), no visible triangle
-//! collapsed, and for all but [`OUTLIERS`] of the area a density within a factor [`MAX_STRETCH`] of the mean in every
+//! covered twice, all triangles of one orientation but for [`OUTLIERS`] of the area, no visible triangle collapsed, and for all but [`OUTLIERS`] of the area a density within a factor [`MAX_STRETCH`] of the mean in every
 //! direction. With [`Uv::Auto`], charts must also not share texels at the wanted density; with [`Uv::Keep`] those that do
 //! become one chart.
 
@@ -145,6 +144,9 @@ fn block(scene: &Scene, parts: &[usize], settings: &Settings) -> Result<Piece, S
     if overlap::coverage(&corners, SAMPLES).overlaps() {
         return Err("triangles overlap".to_owned());
     }
+    if is_mirrored_in_part(&corners) {
+        return Err("some of its charts are mirrored".to_owned());
+    }
     let component = connect::components(&corners);
     let mut chart_parts = Vec::new();
     for (face, chart) in faces.iter_mut().zip(component) {
@@ -158,6 +160,14 @@ fn block(scene: &Scene, parts: &[usize], settings: &Settings) -> Result<Piece, S
         check_texels(&piece, settings)?;
     }
     Ok(piece)
+}
+
+/// Triangles of both orientations: directions stored per texel would mean different things on either.
+fn is_mirrored_in_part(corners: &[[DVec2; 3]]) -> bool {
+    let doubled = |c: &[DVec2; 3]| super::flatten::twice_area(*c);
+    let all: f64 = corners.iter().map(|c| doubled(c).abs()).sum();
+    let right: f64 = corners.iter().map(|c| doubled(c).max(0.0)).sum();
+    right.min(all - right) > OUTLIERS * all
 }
 
 /// Charts must be apart at the wanted density (or at that of a whole page, if that is less).
