@@ -123,8 +123,8 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     let charted = clock.timed("atlas", |_| atlas::build(&scene, &atlas_settings(settings, flag)))??;
     let atlas = charted.output;
     warnings.extend(charted.warnings);
-    let patches = clock.timed("patches", |_| Patches::new(&tracer, &atlas))?;
-    let graph = clock.timed("links", |_| PatchGraph::new(&patches, &tracer))?;
+    let patches = clock.timed("patches", |progress| Patches::new(&tracer, &atlas, progress))?;
+    let graph = clock.timed("links", |progress| PatchGraph::new(&patches, &tracer, progress))?;
     let mut solution = solve(&mut clock, settings, &tracer, &patches, &graph)?;
     clock.timed("share", |_| share(settings, &patches, &graph, &mut solution))?;
     let lightmap = clock.timed("finish", |_| lightmap(settings, &patches, &atlas, &solution))?;

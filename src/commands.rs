@@ -126,7 +126,7 @@ pub(crate) fn compare(typed: &cli::Compare) -> Outcome {
     let result = compare::compare(&reference, &test, mask.as_ref()).map_err(|e| (Exit::Input, e.to_string()))?;
     let text = if typed.json { result.to_json() } else { result.to_text() };
     show::data(text.as_bytes())?;
-    let differs = typed.fail.is_some_and(|most| !(result.nrmse <= most));
+    let differs = typed.fail.is_some_and(|most| result.nrmse.is_nan() || result.nrmse > most);
     Ok(if differs { Exit::Differs } else { Exit::Ok })
 }
 

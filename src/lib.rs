@@ -60,7 +60,7 @@
 //! # Bibliography
 //!
 //! * F. Castro, M. Feixas, M. Sbert: "Fuzzy Random Walk". Universitat de Girona, 2002. The walk and its splat.
-//! * P. Bekaert: "Hierarchical and Stochastic Algorithms for Radiosity". PhD thesis, KU Leuven, 1999. Shooting.
+//! * P. Bekaert: "Hierarchical and Stochastic Algorithms for Radiosity". doctoral thesis, KU Leuven, 1999. Shooting.
 //! * J. Arvo: "Stratified Sampling of Spherical Triangles". SIGGRAPH 1995. Emissive surfaces.
 //! * B. Burley: "Practical Hash-based Owen Scrambling". JCGT 9(4), 2020. Low-discrepancy points.
 //! * S. Woop, C. Benthin, I. Wald: "Watertight Ray/Triangle Intersection". JCGT 2(1), 2013.

@@ -73,9 +73,9 @@ pub enum Quantity {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum UvMode {
-    /// Keep a usable TEXCOORD_1, chart anew otherwise.
+    /// Keep a usable `TEXCOORD_1`, chart anew otherwise.
     Auto,
-    /// Keep TEXCOORD_1; fail where it is missing or unusable.
+    /// Keep `TEXCOORD_1`; fail where it is missing or unusable.
     Keep,
     /// Always chart anew.
     Generate,

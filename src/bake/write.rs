@@ -103,7 +103,7 @@ fn report(
 ) -> report::Report {
     let Facts { scene, atlas, patches, solution, .. } = facts;
     let text = |paths: &[PathBuf]| paths.iter().map(|p| p.display().to_string()).collect();
-    let lines: u64 = solution.walks.iter().flat_map(|w| &w.ledger).map(|b| b.lines).fold(0, |a, b| a + b);
+    let lines: u64 = solution.walks.iter().flat_map(|w| &w.ledger).map(|b| b.lines).sum();
     let rays = lines + solution.gather_rays;
     let walk_seconds = clock.stages.iter().filter(|s| s.name == "walk" || s.name == "gather").map(|s| s.seconds);
     report::Report {

@@ -46,7 +46,7 @@ mod tests {
             let a = i as f32 * 0.377;
             let z = 1.0 - 2.0 * (i as f32 + 0.5) / 1000.0;
             let r = (1.0 - z * z).sqrt();
-            let f = Frame::from_normal(Vec3::new(r * a.cos(), r * a.sin(), z).normalize());
+            let f = Frame::from_normal(Vec3::new(r * libm::cosf(a), r * libm::sinf(a), z).normalize());
             assert!(f.s.dot(f.t).abs() < 1e-6 && f.s.dot(f.n).abs() < 1e-6 && f.t.dot(f.n).abs() < 1e-6);
             assert!((f.s.cross(f.t) - f.n).length() < 1e-6);
         }

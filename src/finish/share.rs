@@ -3,12 +3,12 @@
 //! In: irradiance fields of the front patches, links, and how far light may flow at each patch. Out: the same fields,
 //! smoother; flux is conserved and constant irradiance stays constant, whatever the areas.
 //!
-//! The texel graph is a network of conductances: one step is Φ_i += Σ_j g_ij (E_j − E_i) with g_ij = g_ji ≥ 0. That is a
-//! reversible random walk on the texels, the fuzzy walk's splat made free of bias on constant light. A splat that
+//! The texel graph is a network of conductances: one step is
+//! `Φ_i += Σ_j g_ij (E_j − E_i)` with `g_ij = g_ji ≥ 0`. That is a reversible random walk on the texels, the fuzzy walk's splat made free of bias on constant light. A splat that
 //! gives shares to neighbours by distance alone (the paper's eq. (4)) is not reversible: on a chain of five patches
 //! with areas 1 1 1 1 0.1 it turns constant 1 into up to 3.
 //!
-//! How far light flows, σ_i, is the smaller of two bounds:
+//! How far light flows, `σ_i`, is the smaller of two bounds:
 //! * the paper's uncertainty: a footprint of α bits has a radius in proportion to the distance R of the source, so
 //!   σ ≤ a H with H the harmonic mean distance of what the patch sees;
 //! * the noise: of n lines per area a kernel of width σ collects 4πσ²n, so its variance is 1/(4πσ²n); its bias on light

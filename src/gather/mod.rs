@@ -3,11 +3,11 @@
 //! In: radiosity of the patches (by the walk and direct light). Out: indirect irradiance of the front patches, as two
 //! halves that share no random number, so that their difference tells the error.
 //!
-//! Each ray reads B = ρ(E_direct + E_indirect)/π where it lands; what leaves the scene or lands on an emitter's own
+//! Each ray reads `B = ρ(E_direct + E_indirect)/π` where it lands; what leaves the scene or lands on an emitter's own
 //! light counts as direct and is not read. Directions are Owen-scrambled low-discrepancy points around the shading
 //! normal; starting points are spread over the exposed part of the texel.
 //!
-//! Source: Reichert, "A Two-Pass Radiosity Method Driven by Lights and Viewer Position" (MSc thesis, Cornell, 1992), for
+//! Source: Reichert, "A Two-Pass Radiosity Method Driven by Lights and Viewer Position" (thesis, Cornell, 1992), for
 //! the final gather over a radiosity solution.
 //!
 //! Invariants: same bits at any thread count; zero rays, zero light.
@@ -72,7 +72,7 @@ fn texel(tracer: &Tracer<'_>, patches: &Patches, radiance: [&[Rgb]; 2], seed: u6
         return out;
     }
     let (mut inverse, mut hits) = (0.0f64, 0u32);
-    for half in 0..2 {
+    for (half, radiance) in radiance.into_iter().enumerate() {
         let key = mix(seed ^ mix((Stage::Gather as u64) << 40 | (half as u64) << 36).wrapping_add(patch as u64));
         let sequence = Sequence::new(mix(key));
         let mut sum = Rgb::ZERO;
@@ -83,7 +83,7 @@ fn texel(tracer: &Tracer<'_>, patches: &Patches, radiance: [&[Rgb]; 2], seed: u6
             inverse += 1.0 / f64::from(hit.t.max(1e-6));
             hits += 1;
             if let Some(seen) = patches.at(&hit) {
-                sum += radiance[half][seen];
+                sum += radiance[seen];
             }
         }
         out.halves[half] = sum * (core::f32::consts::PI / rays as f32);

@@ -95,7 +95,7 @@ impl<'a> Sources<'a> {
             Light::Sun { direction, illuminance, angle } => {
                 let cone = warp::square_to_cone(v, libm::cosf(angle / 2.0));
                 let direction = Frame::from_normal(direction).to_world(cone);
-                (self.from_outside(direction, u), illuminance * (PI * self.radius * self.radius))
+                (self.line_from_outside(direction, u), illuminance * (PI * self.radius * self.radius))
             }
             Light::Point { position, intensity, .. } => {
                 let direction = warp::square_to_sphere(u);
@@ -125,10 +125,10 @@ impl<'a> Sources<'a> {
     fn sky(&self, u: Vec2, v: Vec2) -> (Ray, Rgb) {
         let toward = warp::square_to_sphere(v);
         let radiance = self.tracer.scene().sky.radiance(toward);
-        (self.from_outside(-toward, u), radiance * (4.0 * PI * PI * self.radius * self.radius))
+        (self.line_from_outside(-toward, u), radiance * (4.0 * PI * PI * self.radius * self.radius))
     }
 
-    fn from_outside(&self, direction: Vec3, u: Vec2) -> Ray {
+    fn line_from_outside(&self, direction: Vec3, u: Vec2) -> Ray {
         let frame = Frame::from_normal(direction);
         let disk = warp::square_to_disk(u) * self.radius;
         let origin = self.center + frame.s * disk.x + frame.t * disk.y - direction * (self.radius * 1.01);

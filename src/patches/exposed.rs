@@ -12,7 +12,7 @@
 
 use super::cells::MASK_GRID;
 use super::{Patches, SurfacePoint};
-use crate::base::{Frame, parallel, warp};
+use crate::base::{Frame, Progress, parallel, warp};
 use crate::trace::{Ray, Tracer};
 use glam::{Vec2, Vec3};
 
@@ -34,8 +34,8 @@ struct Found {
 }
 
 /// Sets mask, exposed share and centroid of every patch.
-pub(super) fn find(patches: &mut Patches, tracer: &Tracer<'_>) {
-    let found = parallel::map(patches.front, |i| texel(patches, tracer, i));
+pub(super) fn find(patches: &mut Patches, tracer: &Tracer<'_>, progress: &Progress) {
+    let found = parallel::map_watched(patches.front, progress, |i| texel(patches, tracer, i));
     for (i, f) in found.into_iter().enumerate() {
         let Some(f) = f else { continue };
         patches.mask[i] = f.mask;

@@ -9,12 +9,12 @@
 //! Limits: links end at chart borders, also where the surface goes on.
 
 use super::{NO_PATCH, Patches};
-use crate::base::parallel;
+use crate::base::{Progress, parallel};
 use crate::trace::{Ray, Tracer};
 
 /// Cosine of the largest angle between linked patches (10°): the paper links coplanar ones; on curved surfaces light
 /// changes by less than 2 % over this angle.
-const COS_FACING: f32 = 0.984_807_75;
+const COS_FACING: f32 = 0.984_807_7;
 /// Heights of the sight lines in texel edges. The lower one clears the crease of two patches at 10° (0.044 edges).
 const HEIGHTS: [f32; 2] = [0.06, 0.3];
 /// Least shared length of two texels that touch, in texel edges.
@@ -33,15 +33,16 @@ pub struct PatchGraph {
 impl PatchGraph {
     /// Finds the links of all patches.
     #[must_use]
-    pub fn new(patches: &Patches, tracer: &Tracer<'_>) -> Self {
+    pub fn new(patches: &Patches, tracer: &Tracer<'_>, progress: &Progress) -> Self {
         let contact = parallel::map(patches.front, |i| contacts(patches, i));
         let reach = |i: usize, k: usize| {
             let j = forward_neighbor(patches, &contact, patches.front_patch(i), k)?;
             let j = if patches.is_back(i) { patches.back_of[j] } else { j as u32 };
             (j != NO_PATCH && linked(patches, tracer, i, j as usize)).then_some(j)
         };
-        let straight = parallel::map(patches.len(), |i| [0, 1].map(|k| reach(i, k).unwrap_or(NO_PATCH)));
-        let links = parallel::map(patches.len(), |i| {
+        let straight =
+            parallel::map_watched(patches.len(), progress, |i| [0, 1].map(|k| reach(i, k).unwrap_or(NO_PATCH)));
+        let links = parallel::map_watched(patches.len(), progress, |i| {
             let diagonal = [2, 3].map(|k| {
                 let around = |&j: &u32| goes_around(patches, &straight, i, j, k);
                 reach(i, k).filter(around).unwrap_or(NO_PATCH)

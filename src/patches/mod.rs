@@ -20,7 +20,7 @@ mod texel;
 pub use graph::PatchGraph;
 
 use crate::atlas::Atlas;
-use crate::base::Rgb;
+use crate::base::{Progress, Rgb};
 use crate::scene::Scene;
 use crate::trace::Tracer;
 use glam::{Vec2, Vec3};
@@ -95,9 +95,9 @@ struct SurfaceTriangle {
 impl Patches {
     /// Makes the patches of an atlas. An atlas without charts gives no patches.
     #[must_use]
-    pub fn new(tracer: &Tracer<'_>, atlas: &Atlas) -> Self {
+    pub fn new(tracer: &Tracer<'_>, atlas: &Atlas, progress: &Progress) -> Self {
         let mut patches = texel::patches(tracer.scene(), atlas);
-        exposed::find(&mut patches, tracer);
+        exposed::find(&mut patches, tracer, progress);
         patches
     }
 

@@ -4,7 +4,7 @@
 //! emitters. Out: irradiance of every patch from all bounces, and a power ledger per bounce.
 //!
 //! Source: Castro, Feixas, Sbert, "Fuzzy Random Walk" (Universitat de Girona, 2002), on breadth-first shooting random
-//! walks as in Bekaert, "Hierarchical and Stochastic Algorithms for Radiosity" (PhD thesis, KU Leuven, 1999), chapter 6.
+//! walks as in Bekaert, "Hierarchical and Stochastic Algorithms for Radiosity" (doctoral thesis, KU Leuven, 1999), chapter 6.
 //! One iteration is one bounce. Lines start on patches in proportion to unshot power, uniformly on the patch, with
 //! cosine-distributed directions. Where we differ:
 //! * lines are dealt out over the patches systematically (one random offset per bounce), which never has more variance

@@ -50,8 +50,8 @@ impl<'a> Stage<'a> {
         let tracer = Tracer::new(scene);
         let settings = atlas::Settings { texels_per_meter, ..atlas::Settings::default() };
         let atlas = atlas::build(scene, &settings).unwrap().output;
-        let patches = Patches::new(&tracer, &atlas);
-        let graph = PatchGraph::new(&patches, &tracer);
+        let patches = Patches::new(&tracer, &atlas, &Progress::default());
+        let graph = PatchGraph::new(&patches, &tracer, &Progress::default());
         Self { emitters: Emitters::new(scene), tracer, atlas, patches, graph }
     }
 
