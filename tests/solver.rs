@@ -7,7 +7,6 @@
 #[path = "support/solve.rs"]
 mod solve;
 #[path = "support/mod.rs"]
-#[allow(dead_code, reason = "shared between test programs")]
 mod support;
 
 use glam::Vec3;
