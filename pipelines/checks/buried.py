@@ -4,7 +4,8 @@ In: a Blender mesh with lightmap coordinates, its pages. Out: per page, the shar
 
 A lightmap baker may average a texel over its visible part only, because nobody sees the rest; Cycles averages over all of
 it, and the buried part is black. Both are right, so such texels say nothing about the light. A point is buried when the
-ray along its normal first meets the back of a single-sided surface.
+ray along its normal first meets the back of a single-sided surface, or when another surface lies on it face to face: there
+rounding alone decides whether a ray leaves.
 
 Source of the test: it is what lightmap bakers call texel validity; the implementation is ours. Limits: alpha is ignored.
 """
@@ -18,6 +19,8 @@ from mathutils.bvhtree import BVHTree
 POINTS = 4
 # Distance of a ray's origin from its surface, as a part of the scene's diagonal (Blender computes in single precision).
 OFFSET = 1e-5
+# Cosine between the normals of two surfaces that lie on each other.
+FACE_TO_FACE = -0.99
 
 
 def buried_share(mesh, uv_layer, triangle_page, double_sided, sizes):
@@ -57,8 +60,10 @@ def buried_share(mesh, uv_layer, triangle_page, double_sided, sizes):
             if not (0 <= x < width and 0 <= y < height):
                 continue
             total[page][y, x] += 1
-            _, met, hit, _ = tree.ray_cast(Vector(place) + direction * offset, direction)
-            if hit is not None and not double_sided[hit] and met.dot(direction) > 0.0:
+            point = Vector(place)
+            _, met, hit, _ = tree.ray_cast(point + direction * offset, direction)
+            inside = hit is not None and not double_sided[hit] and met.dot(direction) > 0.0
+            if inside or any(found[1].dot(direction) < FACE_TO_FACE for found in tree.find_nearest_range(point, 2.0 * offset)):
                 hidden[page][y, x] += 1
     return [h / numpy.maximum(t, 1) for h, t in zip(hidden, total)]
 

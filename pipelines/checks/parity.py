@@ -10,6 +10,7 @@ subtracted from the mean squared error ("net"; our own noise is not subtracted).
 Three sets of texels: *all* that are charted; *interior*, where the eight neighbours are charted too; *clear*, which are
 interior and have no part inside another solid (`buried.py`). The thresholds apply to clear texels. Elsewhere the two
 programs mean different things: Cycles samples a texel only on the triangle under its centre, and counts what is buried.
+With `--tile N` they apply to the means over clear texels of N × N tiles.
 
 (This file is not called cycles.py, because it would hide Blender's own module of that name.)
 """
@@ -102,6 +103,19 @@ def figures(ours, first, second, mask):
     }
 
 
+def tile_means(arrays, masks, tile):
+    """Means over the masked texels of square tiles of all pages that are at least half masked: tiles × RGB."""
+    means = []
+    for values, mask in zip(arrays, masks):
+        height, width = (n - n % tile for n in mask.shape)
+        blocks = lambda a: a[:height, :width].reshape(height // tile, tile, width // tile, tile, *a.shape[2:])  # noqa: E731, B023
+        count = blocks(mask).sum(axis=(1, 3))
+        total = blocks(numpy.where(mask[..., None], values, 0.0)).sum(axis=(1, 3))
+        full = count >= tile * tile / 2
+        means.append(total[full] / count[full][:, None])
+    return numpy.concatenate(means)
+
+
 def write_pictures(folder, name, ours, reference, mask):
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -151,18 +165,21 @@ def compare(arguments, baked_path):
             write_pictures(arguments.pictures, Path(page["uri"]).stem, ours[k], (bakes[0][k] + bakes[1][k]) / 2.0, written)
     flat = lambda arrays: numpy.concatenate([a.reshape(-1, *a.shape[2:]) for a in arrays])  # noqa: E731
     rows = [(name, figures(flat(ours), flat(bakes[0]), flat(bakes[1]), flat(masks))) for name, masks in sets.items()]
+    if arguments.tile > 1:
+        clear = [tile_means(arrays, sets["clear"], arguments.tile) for arrays in (ours, *bakes)]
+        rows.insert(0, ("tiles", figures(*clear, numpy.ones(len(clear[0]), bool))))
     report(f"{baked_path}: {len(sizes)} page(s), 2 x {arguments.samples} samples, {time.monotonic() - started:.1f} s", rows)
     return faults(arguments, dict(rows), sum(int(c.sum()) for c in charted))
 
 
 def faults(arguments, rows, charted):
     found = []
-    judged = rows["clear"]
+    judged = rows["tiles" if arguments.tile > 1 else "clear"]
     if judged["texels"] < arguments.min_texels:
-        found.append(f"only {judged['texels']} clear texels, fewer than {arguments.min_texels}: nothing to judge")
+        found.append(f"only {judged['texels']} texels or tiles to judge by, fewer than {arguments.min_texels}")
     # Leaving texels out is for the odd ones; a check that leaves out most proves nothing.
-    if judged["texels"] < 0.5 * rows["interior"]["texels"]:
-        found.append(f"only {judged['texels']} of {rows['interior']['texels']} interior texels are clear of other solids")
+    if rows["clear"]["texels"] < 0.5 * rows["interior"]["texels"]:
+        found.append(f"only {rows['clear']['texels']} of {rows['interior']['texels']} interior texels are clear of other solids")
     # Cycles writes a texel whose centre lies on a triangle; conservative coverage has more, along chart borders only.
     if rows["all"]["texels"] < 0.5 * charted:
         found.append(f"Cycles wrote {rows['all']['texels']} of {charted} charted texels: the texture coordinates do not fit")
@@ -200,6 +217,8 @@ def main():
     parser.add_argument("--max-nrmse", type=float, default=0.03)
     parser.add_argument("--max-mean", type=float, default=0.01)
     parser.add_argument("--min-texels", type=int, default=100)
+    parser.add_argument("--tile", type=int, default=1, metavar="N",
+                        help="judge means over N x N texels: where many lights make Cycles too noisy to judge texels by")
     parser.add_argument("--pictures", metavar="DIR")
     arguments = parser.parse_args()
     try:
