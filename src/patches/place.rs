@@ -28,6 +28,20 @@ impl Patches {
         (patch != NO_PATCH).then_some(patch as usize)
     }
 
+    /// A hit that landed on `patch` lies on its exposed part; flux on the rest would be spread over too small an area.
+    #[must_use]
+    pub fn receives(&self, patch: usize, hit: &Hit) -> bool {
+        let front = self.front_patch(patch);
+        if self.mask[front] == u16::MAX {
+            return true;
+        }
+        let t = &self.surface[hit.triangle as usize];
+        let uv = t.uv[0] + (t.uv[1] - t.uv[0]) * hit.b.x + (t.uv[2] - t.uv[0]) * hit.b.y;
+        let (x, y) = self.texel_xy(front);
+        let local = (uv - Vec2::new(x as f32, y as f32)).clamp(Vec2::ZERO, Vec2::ONE);
+        self.cell_is_exposed(front, local.as_dvec2())
+    }
+
     /// The front patch of a texel.
     pub(super) fn grid_at(&self, page: u32, x: i32, y: i32) -> Option<u32> {
         let [width, height] = self.page_size;

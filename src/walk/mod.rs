@@ -80,7 +80,7 @@ pub struct Bounce {
     pub received: [f64; 3],
     /// Left the scene.
     pub escaped: [f64; 3],
-    /// Ended on backs, unlit surfaces, and where no texel is.
+    /// Ended on backs, unlit surfaces, where no texel is, and on parts that count as hidden.
     pub culled: [f64; 3],
 }
 

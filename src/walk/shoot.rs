@@ -100,7 +100,7 @@ impl Shooter<'_> {
             tally.escaped += line.flux.as_dvec3();
             return;
         };
-        let patch = self.patches.at(&hit).filter(|&p| self.patches.exposed[p] > 0.0);
+        let patch = self.patches.at(&hit).filter(|&p| self.patches.receives(p, &hit));
         let Some(patch) = patch else {
             tally.culled += line.flux.as_dvec3();
             return;
