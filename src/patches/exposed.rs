@@ -26,6 +26,18 @@ const LOW: f32 = 0.06;
 /// Length of these rays in texel edges: half a diagonal and a little.
 const REACH: f32 = 0.75;
 
+/// Less than this share of a texel counts as none: a single line would make a spike of it.
+const LEAST_EXPOSED: f32 = 0.04;
+
+/// Surface in one cell of the mask.
+#[derive(Clone, Copy, Default)]
+struct Cell {
+    area: f32,
+    open: f32,
+    /// Position times area [m³].
+    position: Vec3,
+}
+
 /// What was found for one texel.
 struct Found {
     mask: u16,
@@ -64,20 +76,31 @@ fn texel(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> Option<Found> 
     if !is_hidden(tracer, center) && !is_crowded(patches, tracer, patch) {
         return None;
     }
-    let (mut mask, mut open, mut total, mut sum) = (0u16, 0.0f32, 0.0f32, Vec3::ZERO);
+    let mut cells = [Cell::default(); (MASK_GRID * MASK_GRID) as usize];
     for f in patches.fragments.range(patch) {
         patches.cell_centroids(patch, f, MASK_GRID, |point, centroid, area| {
-            total += area;
-            if !is_hidden(tracer, point) {
-                let cell = |v: f64| ((v * f64::from(MASK_GRID)) as u32).min(MASK_GRID - 1);
-                mask |= 1 << (cell(centroid.y) * MASK_GRID + cell(centroid.x));
-                open += area;
-                sum += tracer.scene().position(point.triangle, point.b) * area;
-            }
+            let at = |v: f64| ((v * f64::from(MASK_GRID)) as u32).min(MASK_GRID - 1);
+            let cell = &mut cells[(at(centroid.y) * MASK_GRID + at(centroid.x)) as usize];
+            cell.area += area;
+            cell.open += if is_hidden(tracer, point) { 0.0 } else { area };
+            cell.position += tracer.scene().position(point.triangle, point.b) * area;
         });
+    }
+    let (mut mask, mut open, mut total, mut sum) = (0u16, 0.0f32, 0.0f32, Vec3::ZERO);
+    for (k, cell) in cells.iter().enumerate() {
+        total += cell.area;
+        // A cell counts whole or not at all, as the lines that land on it do.
+        if cell.area > 0.0 && cell.open >= 0.5 * cell.area {
+            mask |= 1 << k;
+            open += cell.area;
+            sum += cell.position;
+        }
     }
     if open >= total {
         return None;
+    }
+    if open < LEAST_EXPOSED * total {
+        return Some(Found { mask: 0, exposed: 0.0, position: Vec3::ZERO });
     }
     Some(Found { mask, exposed: open / total, position: sum / open.max(f32::MIN_POSITIVE) })
 }
