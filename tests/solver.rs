@@ -173,15 +173,11 @@ fn ledger_closes(walk: &Walk) {
         for c in 0..3 {
             let out = b.received[c] + b.escaped[c] + b.culled[c];
             assert!((out - b.shot[c]).abs() <= 1e-5 * b.shot[c], "bounce {k}, channel {c}: {out} of {}", b.shot[c]);
-            // Systematic picks make the lines carry what was to be shot, up to one line per channel.
-            let most = 0.02 + 4.0 / (b.lines as f64).sqrt();
-            assert!(
-                (b.shot[c] - b.unshot[c]).abs() <= most * b.unshot[c],
-                "bounce {k}: {} of {}",
-                b.shot[c],
-                b.unshot[c]
-            );
         }
+        // Systematic picks make the lines carry what was to be shot, in the mean of the channels; emitters vary more.
+        let (shot, unshot) = (walk::Bounce::mean(b.shot), walk::Bounce::mean(b.unshot));
+        let most = if k == 0 { 0.03 } else { 1e-3 };
+        assert!((shot - unshot).abs() <= most * unshot, "bounce {k}: {shot} of {unshot}");
     }
     assert!(walk.ledger.len() > 3);
 }
