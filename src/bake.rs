@@ -262,7 +262,7 @@ fn gather_with(
 
 /// Independent lines per area that the noise of the indirect light amounts to [1/m²].
 fn lines_per_area(settings: &Settings, patches: &Patches) -> f64 {
-    /// Squared coefficient of variation of one gather ray, low-discrepancy points included (office: 0.4 to 0.6).
+    /// Squared coefficient of variation of one gather ray, low-discrepancy points included; a guess.
     const GATHER_VARIANCE: f64 = 0.5;
     if settings.gather == 0 {
         return walk_lines_per_area(settings, patches);

@@ -26,9 +26,9 @@ use crate::patches::{PatchGraph, Patches};
 
 /// Share of a patch that flows over one link per step. Four links take 0.8; above 0.25 the explicit step would ring.
 const STEP: f32 = 0.2;
-/// Ends the loop for very fine texels; each step costs about 10 ns per texel.
+/// Ends the loop for very fine texels.
 const MOST_STEPS: usize = 256;
-/// κ: relative curvature of indirect light at the scale of H. Walls meeting at a corner have about 0.5.
+/// κ: relative curvature of indirect light at the scale of H; a guess. Smaller shares more.
 const CURVATURE: f32 = 0.5;
 
 /// How much to share.

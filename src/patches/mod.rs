@@ -22,7 +22,7 @@ pub use graph::PatchGraph;
 use crate::atlas::Atlas;
 use crate::base::{Progress, Rgb};
 use crate::scene::Scene;
-use crate::trace::Tracer;
+use crate::trace::{Hit, Tracer};
 use glam::{Vec2, Vec3};
 
 /// No patch.
@@ -157,6 +157,13 @@ impl Patches {
             + self.grid.len() * 4
             + self.fragments.triangle.len() * 8
             + self.surface.len() * size_of::<SurfaceTriangle>()
+    }
+}
+
+impl SurfaceTriangle {
+    /// Where a hit on the triangle lies on its page [texels].
+    fn at(&self, hit: &Hit) -> Vec2 {
+        self.uv[0] + (self.uv[1] - self.uv[0]) * hit.b.x + (self.uv[2] - self.uv[0]) * hit.b.y
     }
 }
 

@@ -21,7 +21,7 @@ impl Patches {
         if t.page == NO_PATCH || (!hit.front && !t.two_sided) {
             return None;
         }
-        let uv = t.uv[0] + (t.uv[1] - t.uv[0]) * hit.b.x + (t.uv[2] - t.uv[0]) * hit.b.y;
+        let uv = t.at(hit);
         let (x, y) = (uv.x.floor() as i32, uv.y.floor() as i32);
         let front = self.grid_at(t.page, x, y).or_else(|| self.nearest(t.page, uv, hit.triangle))?;
         let patch = if hit.front { front } else { self.back_of[front as usize] };
@@ -35,8 +35,7 @@ impl Patches {
         if self.mask[front] == u16::MAX {
             return true;
         }
-        let t = &self.surface[hit.triangle as usize];
-        let uv = t.uv[0] + (t.uv[1] - t.uv[0]) * hit.b.x + (t.uv[2] - t.uv[0]) * hit.b.y;
+        let uv = self.surface[hit.triangle as usize].at(hit);
         let (x, y) = self.texel_xy(front);
         let local = (uv - Vec2::new(x as f32, y as f32)).clamp(Vec2::ZERO, Vec2::ONE);
         self.cell_is_exposed(front, local.as_dvec2())

@@ -27,8 +27,7 @@ use crate::trace::{Line, Tracer};
 
 pub use deposit::Splat;
 
-/// Share of all power that may be left unshot. Ten times more shows in a furnace with ρ = 0.9 (0.1 %); ten times less
-/// costs some 20 % more bounces and changes nothing that half floats could hold.
+/// Share of all power that may be left unshot: below the rounding of the half floats that are stored.
 const NEGLIGIBLE: f64 = 1e-4;
 
 /// How to walk.
@@ -120,14 +119,6 @@ pub fn walk(
         state.turn(patches, &received, ledger);
     }
     state.finish(patches)
-}
-
-impl Walk {
-    /// Power that was still to be shot when the walk ended [lm], mean of the channels.
-    #[must_use]
-    pub fn residual(&self) -> f64 {
-        self.ledger.last().map_or(0.0, |last| Bounce::mean(last.unshot))
-    }
 }
 
 impl Bounce {
