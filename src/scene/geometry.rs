@@ -162,11 +162,11 @@ fn uv_sets(document: &Document, plans: &[Plan], materials: &[Material]) -> Vec<b
     for plan in plans {
         let entry = &document.root.meshes[plan.mesh].primitives[plan.primitive];
         let material = &materials[entry.material.unwrap_or(materials.len() - 1)];
-        for texture in material.textures() {
-            if sets.len() <= texture.uv_set {
-                sets.resize(texture.uv_set + 1, false);
+        for set in material.uv_sets() {
+            if sets.len() <= set {
+                sets.resize(set + 1, false);
             }
-            sets[texture.uv_set] = true;
+            sets[set] = true;
         }
     }
     sets

@@ -42,6 +42,8 @@ pub struct Material {
     pub double_sided: bool,
     /// `KHR_materials_unlit`: blocks light, reflects and emits none.
     pub unlit: bool,
+    /// Index into `Vertices::uv` that `MOZ_lightmap` reads.
+    pub lightmap_uv_set: Option<usize>,
 }
 
 /// Alpha mode.
@@ -70,6 +72,11 @@ impl Material {
     /// The textures that it uses.
     pub(super) fn textures(&self) -> impl Iterator<Item = &TextureRef> {
         [&self.base_color_texture, &self.metallic_texture, &self.emission_texture].into_iter().flatten()
+    }
+
+    /// The texture coordinates that it uses.
+    pub(super) fn uv_sets(&self) -> impl Iterator<Item = usize> {
+        self.textures().map(|t| t.uv_set).chain(self.lightmap_uv_set)
     }
 }
 
@@ -127,6 +134,7 @@ fn convert(entry: &MaterialEntry, name: String, root: &Root, warnings: &mut Vec<
         alpha,
         double_sided: entry.double_sided,
         unlit,
+        lightmap_uv_set: entry.extensions.lightmap.as_ref().map(|l| l.tex_coord).filter(|&set| set < MAX_UV_SETS),
     })
 }
 

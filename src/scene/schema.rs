@@ -318,6 +318,8 @@ pub struct MaterialExtensions {
     pub emissive_strength: Option<EmissiveStrength>,
     #[serde(rename = "KHR_materials_unlit")]
     pub unlit: Option<IgnoredAny>,
+    #[serde(rename = "MOZ_lightmap")]
+    pub lightmap: Option<TextureInfo>,
 }
 
 #[derive(Debug, Clone, Deserialize)]

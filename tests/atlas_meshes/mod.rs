@@ -282,5 +282,6 @@ fn material() -> Material {
         alpha: Alpha::Opaque,
         double_sided: false,
         unlit: false,
+        lightmap_uv_set: None,
     }
 }

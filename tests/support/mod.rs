@@ -20,6 +20,7 @@ pub fn white() -> Material {
         alpha: Alpha::Opaque,
         double_sided: false,
         unlit: false,
+        lightmap_uv_set: None,
     }
 }
 
