@@ -11,9 +11,8 @@
 //!   A  area of the hit patch [m²]     c  cosine at the hit, ≥ 0     R  distance that the line came [m]
 //!   p  chance of this hit, A c/(2π R²)     u  uncertainty, −log2 p [bit], 0 if p ≥ 1     f  fraction that is shared
 //!
-//! Invariants: deposits ≥ 0, their sum is the flux. No allocation.
+//! Invariants: deposits are whole numbers of units, and their sum is exactly the flux. No allocation.
 
-use crate::base::Rgb;
 use crate::patches::{PatchGraph, Patches};
 use core::f32::consts::TAU;
 use glam::Vec3;
@@ -39,16 +38,17 @@ pub(super) struct Arrival {
     pub(super) position: Vec3,
     pub(super) distance: f32,
     pub(super) cosine: f32,
-    pub(super) flux: Rgb,
+    /// Flux by channel, in the unit of the sums.
+    pub(super) units: [u64; 3],
 }
 
-/// Calls `deposit(patch, flux)` for each share of the line's flux.
+/// Calls `deposit(patch, units)` for each share of the line's flux.
 pub(super) fn deposit(
     splat: Splat,
     patches: &Patches,
     graph: &PatchGraph,
     arrival: &Arrival,
-    mut deposit: impl FnMut(usize, Rgb),
+    mut deposit: impl FnMut(usize, [u64; 3]),
 ) {
     let f = match splat {
         Splat::None => 0.0,
@@ -58,21 +58,35 @@ pub(super) fn deposit(
     };
     let neighbors = graph.neighbors(arrival.patch);
     if f <= 0.0 || neighbors.is_empty() {
-        return deposit(arrival.patch, arrival.flux);
+        return deposit(arrival.patch, arrival.units);
     }
+    let mut left = arrival.units;
     if f < 1.0 {
-        deposit(arrival.patch, arrival.flux * (1.0 - f));
+        left = part(left, f);
+        deposit(arrival.patch, core::array::from_fn(|c| arrival.units[c] - left[c]));
     }
+    let shared = left;
     let mut squares = [0.0f32; 8];
     for (d, &k) in squares.iter_mut().zip(neighbors) {
         *d = patches.position[k as usize].distance_squared(arrival.position);
     }
     let m = neighbors.len().min(8);
     let total: f32 = squares[..m].iter().fold(0.0, |a, b| a + b);
-    for (&d, &k) in squares[..m].iter().zip(neighbors) {
-        let w = if m == 1 { 1.0 } else { (total - d) / ((m - 1) as f32 * total.max(f32::MIN_POSITIVE)) };
-        deposit(k as usize, arrival.flux * (f * w));
+    let scale = 1.0 / ((m - 1) as f32 * total).max(f32::MIN_POSITIVE);
+    for (&d, &k) in squares[..m - 1].iter().zip(neighbors) {
+        let units = part(shared, (total - d) * scale);
+        left = core::array::from_fn(|c| left[c].saturating_sub(units[c]));
+        deposit(k as usize, units);
     }
+    // Rounding of the other weights ends here: the deposits add up.
+    deposit(neighbors[m - 1] as usize, left);
+}
+
+/// A fraction of flux, to 30 bits.
+fn part(units: [u64; 3], fraction: f32) -> [u64; 3] {
+    const BITS: u32 = 30;
+    let fraction = u128::from((fraction * (1u32 << BITS) as f32) as u32);
+    units.map(|u| ((u128::from(u) * fraction) >> BITS) as u64)
 }
 
 /// Fraction of the flux that is shared: eqs. (2) and (3), then linear from `alpha` to `beta`.
@@ -85,6 +99,13 @@ fn fraction(area: f32, c: f32, distance: f32, alpha: f32, beta: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn parts_are_exact_to_thirty_bits() {
+        assert_eq!(part([1 << 60, 3, 0], 1.0), [1 << 60, 3, 0]);
+        assert_eq!(part([1 << 60, 8, 0], 0.25), [1 << 58, 2, 0]);
+        assert_eq!(part([u64::MAX, 0, 0], 0.0), [0; 3]);
+    }
 
     #[test]
     fn fraction_follows_the_uncertainty() {

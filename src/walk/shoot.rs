@@ -3,7 +3,7 @@
 //! Lines are numbered; line k starts on the patch that holds position (k + offset)/n of the running sum of unshot power.
 //! Lines are traced in chunks of consecutive numbers, so a chunk walks along the patches and their memory.
 
-use super::accumulate::{Distances, Flux};
+use super::accumulate::{Adder, Arrivals, Distances};
 use super::deposit::{Arrival, deposit};
 use super::{Bounce, EmittedLines, Settings};
 use crate::base::low_discrepancy::Sequence;
@@ -41,16 +41,16 @@ impl Shooter<'_> {
         lines: u64,
         distances: &mut Distances,
     ) -> (Vec<Rgb>, Bounce) {
-        let flux = Flux::new(self.patches.len(), 8.0 * f64::from(emitted.flux.max_element()));
+        let arrivals = Arrivals::new(self.patches.len(), 8.0 * f64::from(emitted.flux.max_element()));
         let tallies = parallel::map_chunks(lines as usize, CHUNK, |range| {
-            let mut tally = Tally::default();
+            let (mut tally, adder) = (Tally::default(), arrivals.adder());
             self.progress.advance(range.len() as u64);
             for k in range.filter(|_| !self.progress.cancelled()) {
-                self.land(&(emitted.line)(k as u64, lines), &flux, distances, &mut tally);
+                self.land(&(emitted.line)(k as u64, lines), &adder, &mut tally);
             }
             tally
         });
-        self.close(flux, &tallies, lines, emitted.flux.as_dvec3())
+        self.close(arrivals.take(distances), &tallies, lines, emitted.flux.as_dvec3())
     }
 
     /// Shoots `lines` lines from the patches, in proportion to what they have to shoot.
@@ -65,12 +65,12 @@ impl Shooter<'_> {
         let total = running.last().copied().unwrap_or(0.0);
         let channels = DVec3::from_array([0, 1, 2].map(|c| parallel::sum(unshot.len(), |i| f64::from(unshot[i][c]))));
         // A line's channels add up to three times its mean, so no channel of all lines exceeds 3 × total.
-        let flux = Flux::new(self.patches.len(), 3.0 * total * (1.0 + 1.0 / lines as f64));
+        let arrivals = Arrivals::new(self.patches.len(), 3.0 * total * (1.0 + 1.0 / lines as f64));
         let offset = Stream::new(self.settings.seed, Stage::Walk, u64::from(bounce), u64::MAX).next_f64();
         let sequence = Sequence::new(mix(self.settings.seed ^ mix(u64::from(bounce) + 1)));
         let step = total / lines as f64;
         let tallies = parallel::map_chunks(lines as usize, CHUNK, |range| {
-            let mut tally = Tally::default();
+            let (mut tally, adder) = (Tally::default(), arrivals.adder());
             self.progress.advance(range.len() as u64);
             let mut patch = running.partition_point(|&s| s <= (range.start as f64 + offset) * step);
             for k in range.filter(|_| !self.progress.cancelled()) {
@@ -87,14 +87,14 @@ impl Shooter<'_> {
                 let share = step / super::mean(unshot[patch]).max(f64::MIN_POSITIVE);
                 let ray = leave(self.tracer, self.patches, patch, u);
                 let line = Line { ray, flux: (unshot[patch].as_dvec3() * share).as_vec3() };
-                self.land(&line, &flux, distances, &mut tally);
+                self.land(&line, &adder, &mut tally);
             }
             tally
         });
-        self.close(flux, &tallies, lines, channels)
+        self.close(arrivals.take(distances), &tallies, lines, channels)
     }
 
-    fn land(&self, line: &Line, flux: &Flux, distances: &Distances, tally: &mut Tally) {
+    fn land(&self, line: &Line, adder: &Adder<'_>, tally: &mut Tally) {
         tally.shot += line.flux.as_dvec3();
         let Some(hit) = self.tracer.closest_hit(&line.ray) else {
             tally.escaped += line.flux.as_dvec3();
@@ -111,14 +111,13 @@ impl Shooter<'_> {
             position: line.ray.origin + line.ray.direction * hit.t,
             distance: hit.t * length,
             cosine: (line.ray.direction.dot(self.patches.normal[patch]) / length).abs(),
-            flux: line.flux,
+            units: adder.units(line.flux),
         };
-        distances.add(patch, arrival.distance);
-        deposit(self.settings.splat, self.patches, self.graph, &arrival, |p, f| flux.add(p, f));
+        adder.length(patch, arrival.distance);
+        deposit(self.settings.splat, self.patches, self.graph, &arrival, |p, units| adder.flux(p, units));
     }
 
-    fn close(&self, flux: Flux, tallies: &[Tally], lines: u64, unshot: DVec3) -> (Vec<Rgb>, Bounce) {
-        let received = flux.take();
+    fn close(&self, received: Vec<Rgb>, tallies: &[Tally], lines: u64, unshot: DVec3) -> (Vec<Rgb>, Bounce) {
         let sum = tallies.iter().fold(Tally::default(), |a, b| Tally {
             shot: a.shot + b.shot,
             escaped: a.escaped + b.escaped,
