@@ -13,6 +13,7 @@
 //!
 //! Invariants: deposits are whole numbers of units, and their sum is exactly the flux. No allocation.
 
+use crate::base::Rgb;
 use crate::patches::{PatchGraph, Patches};
 use core::f32::consts::TAU;
 use glam::Vec3;
@@ -38,16 +39,16 @@ pub(super) struct Arrival {
     pub(super) position: Vec3,
     pub(super) distance: f32,
     pub(super) cosine: f32,
-    /// Flux by channel, in the unit of the sums.
-    pub(super) units: [u64; 3],
+    pub(super) flux: Rgb,
 }
 
-/// Calls `deposit(patch, units)` for each share of the line's flux.
+/// Calls `deposit(patch, units)` for each share of the line's flux, which is `units` in the unit of the sums.
 pub(super) fn deposit(
     splat: Splat,
     patches: &Patches,
     graph: &PatchGraph,
     arrival: &Arrival,
+    units: [u64; 3],
     mut deposit: impl FnMut(usize, [u64; 3]),
 ) {
     let f = match splat {
@@ -58,12 +59,12 @@ pub(super) fn deposit(
     };
     let neighbors = graph.neighbors(arrival.patch);
     if f <= 0.0 || neighbors.is_empty() {
-        return deposit(arrival.patch, arrival.units);
+        return deposit(arrival.patch, units);
     }
-    let mut left = arrival.units;
+    let mut left = units;
     if f < 1.0 {
         left = part(left, f);
-        deposit(arrival.patch, core::array::from_fn(|c| arrival.units[c] - left[c]));
+        deposit(arrival.patch, core::array::from_fn(|c| units[c] - left[c]));
     }
     let shared = left;
     let mut squares = [0.0f32; 8];

@@ -1,9 +1,10 @@
 //! One iteration of the walk: lines out, flux in.
 //!
 //! Lines are numbered; line k starts on the patch that holds position (k + offset)/n of the running sum of unshot power.
-//! Lines are traced in chunks of consecutive numbers, so a chunk walks along the patches and their memory.
+//! Lines are traced in chunks of consecutive numbers, so a chunk walks along the patches and their memory; their ends are
+//! sorted by patch before flux is added, for the same reason: the paper's splat touches nine patches per line.
 
-use super::accumulate::{Adder, Arrivals, Distances};
+use super::accumulate::{Arrivals, Distances};
 use super::deposit::{Arrival, deposit};
 use super::{Bounce, EmittedLines, Settings};
 use crate::base::low_discrepancy::Sequence;
@@ -43,11 +44,12 @@ impl Shooter<'_> {
     ) -> (Vec<Rgb>, Bounce) {
         let arrivals = Arrivals::new(self.patches.len(), 8.0 * f64::from(emitted.flux.max_element()));
         let tallies = parallel::map_chunks(lines as usize, CHUNK, |range| {
-            let (mut tally, adder) = (Tally::default(), arrivals.adder());
+            let (mut tally, mut ends) = (Tally::default(), Vec::with_capacity(range.len()));
             self.progress.advance(range.len() as u64);
             for k in range.filter(|_| !self.progress.cancelled()) {
-                self.land(&(emitted.line)(k as u64, lines), &adder, &mut tally);
+                ends.extend(self.land(&(emitted.line)(k as u64, lines), &mut tally));
             }
+            self.deposit(&ends, &arrivals);
             tally
         });
         self.close(arrivals.take(distances), &tallies, lines, emitted.flux.as_dvec3())
@@ -70,7 +72,7 @@ impl Shooter<'_> {
         let sequence = Sequence::new(mix(self.settings.seed ^ mix(u64::from(bounce) + 1)));
         let step = total / lines as f64;
         let tallies = parallel::map_chunks(lines as usize, CHUNK, |range| {
-            let (mut tally, adder) = (Tally::default(), arrivals.adder());
+            let (mut tally, mut ends) = (Tally::default(), Vec::with_capacity(range.len()));
             self.progress.advance(range.len() as u64);
             let mut patch = running.partition_point(|&s| s <= (range.start as f64 + offset) * step);
             for k in range.filter(|_| !self.progress.cancelled()) {
@@ -87,34 +89,46 @@ impl Shooter<'_> {
                 let share = step / super::mean(unshot[patch]).max(f64::MIN_POSITIVE);
                 let ray = leave(self.tracer, self.patches, patch, u);
                 let line = Line { ray, flux: (unshot[patch].as_dvec3() * share).as_vec3() };
-                self.land(&line, &adder, &mut tally);
+                ends.extend(self.land(&line, &mut tally));
             }
+            self.deposit(&ends, &arrivals);
             tally
         });
         self.close(arrivals.take(distances), &tallies, lines, channels)
     }
 
-    fn land(&self, line: &Line, adder: &Adder<'_>, tally: &mut Tally) {
+    /// Where the line's flux arrives, if it is not lost.
+    fn land(&self, line: &Line, tally: &mut Tally) -> Option<Arrival> {
         tally.shot += line.flux.as_dvec3();
         let Some(hit) = self.tracer.closest_hit(&line.ray) else {
             tally.escaped += line.flux.as_dvec3();
-            return;
+            return None;
         };
         let patch = self.patches.at(&hit).filter(|&p| self.patches.receives(p, &hit));
         let Some(patch) = patch else {
             tally.culled += line.flux.as_dvec3();
-            return;
+            return None;
         };
         let length = line.ray.direction.length();
-        let arrival = Arrival {
+        Some(Arrival {
             patch,
             position: line.ray.origin + line.ray.direction * hit.t,
             distance: hit.t * length,
             cosine: (line.ray.direction.dot(self.patches.normal[patch]) / length).abs(),
-            units: adder.units(line.flux),
-        };
-        adder.length(patch, arrival.distance);
-        deposit(self.settings.splat, self.patches, self.graph, &arrival, |p, units| adder.flux(p, units));
+            flux: line.flux,
+        })
+    }
+
+    fn deposit(&self, ends: &[Arrival], arrivals: &Arrivals) {
+        let adder = arrivals.adder();
+        let mut order: Vec<u64> = ends.iter().zip(0u64..).map(|(e, k)| (e.patch as u64) << 32 | k).collect();
+        order.sort_unstable();
+        for key in order {
+            let end = &ends[(key & u64::from(u32::MAX)) as usize];
+            adder.length(end.patch, end.distance);
+            let units = adder.units(end.flux);
+            deposit(self.settings.splat, self.patches, self.graph, end, units, |p, units| adder.flux(p, units));
+        }
     }
 
     fn close(&self, received: Vec<Rgb>, tallies: &[Tally], lines: u64, unshot: DVec3) -> (Vec<Rgb>, Bounce) {
