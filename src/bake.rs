@@ -84,8 +84,8 @@ struct Solution {
     walks: [Walk; 2],
     /// Power that the light sources put on patches.
     power_in: [f64; 3],
-    /// Harmonic mean distance of what each front patch sees [m].
-    distance: Vec<f32>,
+    /// Squared error of the mean of the halves, sum over front patches and channels [lx²]; see `finish::share`.
+    squared_error: f64,
     gather_rays: u64,
 }
 
@@ -184,18 +184,17 @@ fn solve(
     if settings.splat == SplatMode::Share && settings.gather > 0 {
         // The last bounce reads few texels near corners, so the walk's noise would show there as blotches.
         clock.timed("smooth", |_| {
-            let how = finish::share::Settings {
-                reach: settings.reach,
-                lines_per_area: walk_lines_per_area(settings, patches),
-            };
-            for walk in &mut walks {
-                finish::share::share(patches, graph, &walk.distance, &mut [&mut walk.indirect], &how);
-            }
+            let [a, b] = &mut walks;
+            finish::share(patches, graph, [&mut a.indirect, &mut b.indirect]);
         })?;
     }
-    let gathered = match settings.gather {
-        0 => None,
-        _ => Some(clock.timed("gather", |progress| gather_with(settings, tracer, patches, &direct, &walks, progress))?),
+    let (indirect, gather_rays) = if settings.gather > 0 {
+        let radiance = [0, 1].map(|h: usize| radiance(patches, &direct, &walks[h]));
+        let radiance = [radiance[0].as_slice(), radiance[1].as_slice()];
+        let field = gather::Field { tracer, patches, radiance, seed: settings.seed };
+        clock.timed("gather", |progress| gather_with(settings, &field, graph, progress))?
+    } else {
+        ([0, 1].map(|h: usize| walks[h].indirect[..patches.front].to_vec()), 0)
     };
     let shoots = settings.direct == DirectMode::Shoot;
     let gathered_in = [0, 1, 2].map(|c| parallel::sum(patches.len(), |i| f64::from(source(i)[c])));
@@ -203,21 +202,7 @@ fn solve(
         |c: usize| walks.iter().map(|w| w.ledger.first().map_or(0.0, |b| b.received[c])).fold(0.0, |a, b| a + b);
     let power_in = if shoots { [0, 1, 2].map(|c| 0.5 * shot_in(c)) } else { gathered_in };
     let direct = [0, 1].map(|h| (0..patches.front).map(|i| direct[i] + walks[h].direct[i]).collect());
-    let (indirect, distance, gather_rays) = match gathered {
-        Some(g) => (g.halves, g.distance, g.rays),
-        None => (
-            [0, 1].map(|h: usize| walks[h].indirect[..patches.front].to_vec()),
-            mean_distance(&walks, patches.front),
-            0,
-        ),
-    };
-    Ok(Solution { direct, indirect, distance, walks, power_in, gather_rays })
-}
-
-/// Harmonic mean over both walks; what one of them never hit takes the other's.
-fn mean_distance(walks: &[Walk; 2], front: usize) -> Vec<f32> {
-    let mean = |a: f32, b: f32| if a > 0.0 && b > 0.0 { 2.0 * a * b / (a + b) } else { a.max(b) };
-    (0..front).map(|i| mean(walks[0].distance[i], walks[1].distance[i])).collect()
+    Ok(Solution { direct, indirect, walks, power_in, squared_error: 0.0, gather_rays })
 }
 
 fn walk_settings(settings: &Settings, patches: &Patches, half: u64, seed: u64) -> walk::Settings {
@@ -235,62 +220,46 @@ fn walk_settings(settings: &Settings, patches: &Patches, half: u64, seed: u64) -
     }
 }
 
+/// The last bounce, and its rays. With sharing, two thirds of the rays go where the first third left the largest errors.
 fn gather_with(
     settings: &Settings,
-    tracer: &Tracer<'_>,
-    patches: &Patches,
-    direct: &[Rgb],
-    walks: &[Walk; 2],
+    field: &gather::Field<'_>,
+    graph: &PatchGraph,
     progress: &Progress,
-) -> Gathered {
-    if settings.bounces == Some(0) {
-        return Gathered {
-            halves: [0, 1].map(|_| vec![Rgb::ZERO; patches.front]),
-            distance: vec![0.0; patches.front],
-            rays: 0,
-        };
+) -> ([Vec<Rgb>; 2], u64) {
+    let mut gathered = Gathered::new(field.patches);
+    let half = if settings.bounces == Some(0) { 0 } else { settings.gather.div_ceil(2) };
+    let first = if settings.splat == SplatMode::Share { half.div_ceil(3) } else { half };
+    gathered.add(field, |_| first, progress);
+    if half > first {
+        let [mut a, mut b] = gathered.halves();
+        let error = finish::share(field.patches, graph, [&mut a, &mut b]);
+        let rays = gather::second_round(&error.around, half - first);
+        gathered.add(field, |i| rays[i], progress);
     }
-    let radiance = [0, 1].map(|h| {
-        let walk = &walks[h];
-        parallel::map(patches.len(), |i| {
-            patches.reflectance[i] * (direct[i] + walk.direct[i] + walk.indirect[i]) * FRAC_1_PI
-        })
-    });
-    let how = gather::Settings { rays: settings.gather, seed: settings.seed };
-    gather::gather(tracer, patches, [&radiance[0], &radiance[1]], &how, progress)
+    (gathered.halves(), gathered.rays())
 }
 
-/// Independent lines per area that the noise of the indirect light amounts to [1/m²].
-fn lines_per_area(settings: &Settings, patches: &Patches) -> f64 {
-    /// Squared coefficient of variation of one gather ray, low-discrepancy points included; a guess.
-    const GATHER_VARIANCE: f64 = 0.5;
-    if settings.gather == 0 {
-        return walk_lines_per_area(settings, patches);
-    }
-    f64::from(settings.gather) * patches.front as f64 / (exposed_area(patches) * GATHER_VARIANCE)
-}
-
-/// Lines of the walk per area, both halves together [1/m²].
-fn walk_lines_per_area(settings: &Settings, patches: &Patches) -> f64 {
-    lines(settings, patches) as f64 / exposed_area(patches)
-}
-
-fn exposed_area(patches: &Patches) -> f64 {
-    parallel::sum(patches.len(), |i| f64::from(patches.exposed_area(i))).max(f64::MIN_POSITIVE)
+/// What each patch sends out by direct light and one walk [cd/m²].
+fn radiance(patches: &Patches, direct: &[Rgb], walk: &Walk) -> Vec<Rgb> {
+    parallel::map(patches.len(), |i| {
+        patches.reflectance[i] * (direct[i] + walk.direct[i] + walk.indirect[i]) * FRAC_1_PI
+    })
 }
 
 /// Lets indirect light flow between linked texels; shot direct light is as noisy and flows too.
 fn share(settings: &Settings, patches: &Patches, graph: &PatchGraph, solution: &mut Solution) {
-    if settings.splat != SplatMode::Share {
-        return;
-    }
-    let how = finish::share::Settings { reach: settings.reach, lines_per_area: lines_per_area(settings, patches) };
-    let Solution { direct, indirect, distance, .. } = solution;
-    let mut fields: Vec<&mut Vec<Rgb>> = indirect.iter_mut().collect();
-    if settings.direct == DirectMode::Shoot {
-        fields.extend(direct.iter_mut());
-    }
-    finish::share::share(patches, graph, distance, &mut fields, &how);
+    let shares = settings.splat == SplatMode::Share;
+    let flow = |halves: &mut [Vec<Rgb>; 2], noisy: bool| {
+        if !(shares && noisy) {
+            return finish::Errors::of_noise(halves);
+        }
+        let [a, b] = halves;
+        finish::share(patches, graph, [a, b])
+    };
+    let indirect = flow(&mut solution.indirect, true);
+    let direct = flow(&mut solution.direct, settings.direct == DirectMode::Shoot);
+    solution.squared_error = indirect.sum() + direct.sum();
 }
 
 impl Solution {

@@ -116,9 +116,6 @@ pub struct Options {
     /// --splat paper: uncertainty in bits from which everything is splatted
     #[arg(long, value_name = "BITS", help_heading = "Solver")]
     pub beta: Option<f32>,
-    /// --splat share: most that light is shared, as a share of the distance to what a texel sees
-    #[arg(long, value_name = "A", help_heading = "Solver")]
-    pub reach: Option<f32>,
     /// How direct light is found
     #[arg(long, value_enum, value_name = "MODE", help_heading = "Solver")]
     pub direct: Option<DirectMode>,
@@ -184,8 +181,6 @@ pub struct Settings {
     pub alpha: f32,
     /// The paper's β [bit].
     pub beta: f32,
-    /// Most that light is shared over H.
-    pub reach: f32,
     /// How direct light is found.
     pub direct: DirectMode,
     /// Shadow rays per texel and kind of light.
@@ -256,7 +251,6 @@ impl Options {
             splat,
             alpha,
             beta,
-            reach,
             direct,
             direct_samples,
             lines,
@@ -291,7 +285,6 @@ impl Options {
             splat: self.splat.unwrap_or(SplatMode::Share),
             alpha: within("--alpha", self.alpha.unwrap_or(5.0), 0.0, 100.0)?,
             beta: within("--beta", self.beta.unwrap_or(15.0), 0.0, 100.0)?,
-            reach: within("--reach", self.reach.unwrap_or(0.15), 0.0, 1.0)?,
             direct: self.direct.unwrap_or(DirectMode::Gather),
             direct_samples: within("--direct-samples", self.direct_samples.unwrap_or(16), 1, 65_536)?,
             lines: self.lines.map(|n| within("--lines", n, 1, 1 << 32)).transpose()?,

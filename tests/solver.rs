@@ -11,7 +11,8 @@ mod support;
 
 use glam::Vec3;
 use solve::{Stage, load, load_under_sky, square};
-use texelwalk::base::{Progress, Rgb};
+use texelwalk::base::random::Stage as Random;
+use texelwalk::base::{Progress, Rgb, Stream};
 use texelwalk::finish::share;
 use texelwalk::gather;
 use texelwalk::scene::{Light, Material, Scene, Sky};
@@ -137,14 +138,15 @@ fn furnace(name: &str, lines: u64, gather_rays: u32) -> (f64, f64) {
     );
     let p = &stage.patches;
     let mut indirect = walk.indirect.clone();
-    let how = share::Settings { reach: 0.15, lines_per_area: 1e5 };
-    share::share(p, &stage.graph, &walk.distance, &mut [&mut indirect], &how);
+    let mut other = indirect.clone();
+    share(p, &stage.graph, [&mut indirect, &mut other]);
     let radiance: Vec<Rgb> =
         (0..p.len()).map(|i| p.reflectance[i] * (direct[i] + indirect[i]) / std::f32::consts::PI).collect();
-    let how = gather::Settings { rays: gather_rays, seed: 9 };
-    let gathered = gather::gather(&stage.tracer, p, [&radiance, &radiance], &how, &Progress::default());
-    let total: Vec<Rgb> =
-        (0..p.front).map(|i| direct[i] + (gathered.halves[0][i] + gathered.halves[1][i]) * 0.5).collect();
+    let field = gather::Field { tracer: &stage.tracer, patches: p, radiance: [&radiance, &radiance], seed: 9 };
+    let mut gathered = gather::Gathered::new(p);
+    gathered.add(&field, |_| gather_rays / 2, &Progress::default());
+    let halves = gathered.halves();
+    let total: Vec<Rgb> = (0..p.front).map(|i| direct[i] + (halves[0][i] + halves[1][i]) * 0.5).collect();
     let mean = stage.mean(&total, |_| true);
     let worst = total.iter().map(|e| (f64::from(e.x) / mean - 1.0).abs()).fold(0.0, f64::max);
     (mean, worst)
@@ -298,17 +300,25 @@ fn sharing_conserves_flux_and_keeps_constants() {
     let scene = load("furnace/polyhedron-0.5.gltf");
     let stage = Stage::new(&scene, 9.3);
     let p = &stage.patches;
-    let how = share::Settings { reach: 0.3, lines_per_area: 10.0 };
-    let distance = vec![1.0; p.front];
-    let mut constant = vec![Rgb::ONE; p.front];
-    let mut spikes: Vec<Rgb> = (0..p.front).map(|i| Rgb::splat(if i % 37 == 0 { 5.0 } else { 0.2 })).collect();
+    let mut constant = [(); 2].map(|()| vec![Rgb::ONE; p.front]);
+    let [a, b] = &mut constant;
+    share(p, &stage.graph, [a, b]);
+    assert!(constant.iter().flatten().all(|v| (v.x - 1.0).abs() < 1e-5));
+    // Noise of two halves on equal light.
+    let mut s = Stream::new(1, Random::Render, 0, 0);
+    let mut noise = [(); 2].map(|()| -> Vec<Rgb> { (0..p.front).map(|_| Rgb::splat(s.next_f32() * 2.0)).collect() });
     let flux = |v: &[Rgb]| (0..p.front).map(|i| f64::from(v[i].x * p.exposed_area(i))).sum::<f64>();
-    let before = flux(&spikes);
-    share::share(p, &stage.graph, &distance, &mut [&mut constant, &mut spikes], &how);
-    assert!(constant.iter().all(|v| (v.x - 1.0).abs() < 1e-5));
-    assert!((flux(&spikes) / before - 1.0).abs() < 1e-5);
-    let (low, high) = spikes.iter().fold((f32::MAX, 0.0f32), |(l, h), v| (l.min(v.x), h.max(v.x)));
-    assert!(low >= 0.2 - 1e-5 && high < 4.0, "{low} to {high}");
+    let variance =
+        |v: &[Vec<Rgb>; 2]| (0..p.front).map(|i| f64::from((v[0][i].x + v[1][i].x) * 0.5 - 1.0).powi(2)).sum::<f64>();
+    let (flux_before, variance_before) = (flux(&noise[0]), variance(&noise));
+    let [a, b] = &mut noise;
+    let error = share(p, &stage.graph, [a, b]);
+    assert!((flux(&noise[0]) / flux_before - 1.0).abs() < 1e-5);
+    let left = variance(&noise);
+    assert!(left < 0.1 * variance_before, "{left} of {variance_before}");
+    // What is stated is what is left, in three channels.
+    let stated = error.sum() / 3.0;
+    assert!((0.7..1.4).contains(&(stated / left)), "{stated} for {left}");
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use super::{Clock, Error, Outcome, Request, Solution};
 use crate::atlas::Atlas;
-use crate::base::{Rgb, Warning, parallel};
+use crate::base::{Warning, parallel};
 use crate::finish::Lightmap;
 use crate::output::{atomic, depfile, exr, gltf, names, png, report};
 use crate::patches::Patches;
@@ -164,14 +164,12 @@ fn walk(request: &Request, solution: &Solution, lines: u64) -> report::Walk {
     }
 }
 
-/// Root mean square of the standard error over the mean, all channels and covered texels alike; of what random numbers
-/// decide in the walk and the gather.
+/// Root mean square of the error over the mean, all channels and covered texels alike: noise of walk, gather and shot
+/// direct light, and bias of sharing.
 fn estimated_nrmse(patches: &Patches, solution: &Solution) -> Option<f64> {
-    let squares = |v: Rgb| f64::from(v.length_squared());
-    let error = parallel::sum(patches.front, |i| squares(solution.half(0, i) - solution.half(1, i)) / 4.0);
     let total = parallel::sum(patches.front, |i| f64::from(solution.irradiance(i).element_sum()));
     let n = 3.0 * patches.front as f64;
-    (total > 0.0).then(|| (error / n).sqrt() / (total / n))
+    (total > 0.0).then(|| (solution.squared_error / n).sqrt() / (total / n))
 }
 
 /// Largest resident set so far [bytes]; 0 where the system does not tell.

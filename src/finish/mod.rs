@@ -1,11 +1,14 @@
 //! Irradiance per patch → [`Lightmap`]: the pages as they are stored.
 
 mod assemble;
+mod cells;
 mod dilate;
-pub mod share;
+mod network;
+mod share;
 
 pub use assemble::assemble;
 pub use dilate::dilate;
+pub use share::{Errors, share};
 
 /// One page of a lightmap, row-major, row 0 = v 0.
 #[derive(Debug, Clone, Default, PartialEq)]

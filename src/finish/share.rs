@@ -1,122 +1,156 @@
-//! Sharing: noisy light flows between linked texels, as far as its uncertainty allows.
+//! Sharing: noisy light flows between linked texels, as far as two half-budgets show that it helps.
 //!
-//! In: irradiance fields of the front patches, links, and how far light may flow at each patch. Out: the same fields,
-//! smoother; flux is conserved and constant irradiance stays constant, whatever the areas.
+//! In: irradiance as two halves that share no random number, and links. Out: both halves, smoother by the same linear map,
+//! and the squared error that is left in their mean; flux is conserved and constant irradiance stays constant.
 //!
-//! The texel graph is a network of conductances: one step is
-//! `Φ_i += Σ_j g_ij (E_j − E_i)` with `g_ij = g_ji ≥ 0`. That is a reversible random walk on the texels, the fuzzy walk's splat made free of bias on constant light. A splat that
-//! gives shares to neighbours by distance alone (the paper's eq. (4)) is not reversible: on a chain of five patches
-//! with areas 1 1 1 1 0.1 it turns constant 1 into up to 3.
+//! The fuzzy random walk's splat, made to converge: a bandwidth per texel that vanishes with the noise, and flow through
+//! reversible conductances (`network`). Design: Castro, Feixas, Sbert, "Fuzzy Random Walk", §5, leave both open.
 //!
-//! How far light flows, `σ_i`, is the smaller of two bounds:
-//! * the paper's uncertainty: a footprint of α bits has a radius in proportion to the distance R of the source, so
-//!   σ ≤ a H with H the harmonic mean distance of what the patch sees;
-//! * the noise: of n lines per area a kernel of width σ collects 4πσ²n, so its variance is 1/(4πσ²n); its bias on light
-//!   that curves at the scale of H is κσ²/H². The sum of squares is least at σ⁶ = H⁴/(8πκ²n). It vanishes as n grows, so
-//!   the result converges to the truth.
+//! How far light flows is chosen per texel among [`LEVELS`]. With A and B the halves (one truth, independent noise) and F
+//! a level's flow, `(F A − B)²` is on average bias² + var(F A) + var(B), and `(F A − F B)²` is 2 var(F A). So
 //!
-//! Symbols: s texel edge [m]   c conductance factor of a link in [0, 1]   A exposed area [m²]   n lines per area [1/m²]
+//! `q = ½((F A − B)² + (F B − A)²) − ¼(F A − F B)² = bias² + ½ var(F A) + var(B)`
 //!
-//! Each explicit step moves light by one texel with probability [`STEP`] per link, a variance of 2·STEP·s² per axis.
+//! is the squared error of the mean of the halves up to a constant that all levels have in common, without a model of the
+//! light. Where light jumps (a contact shadow), the bias shows and light does not flow; as the noise falls, every bias
+//! shows, so the result converges to the truth. q of one texel is noise itself: it flows [`JUDGE_STEPS`] steps first, and is
+//! averaged over a cell of space (`cells`).
+//! What is stated is `¼(F A − F B)²`, the noise, and `q − ½(A − B)²` less that noise, the squared bias.
 //!
-//! Limits: sharing stops at chart borders; at most [`MOST_STEPS`] steps, which is σ = 10 texels.
+//! Cross-validation of two buffers: Rousselle, Manzi, Zwicker, "Robust Denoising using Feature and Color Information",
+//! Computer Graphics Forum 32(7), 2013, §4 (there for a pixel filter that conserves nothing).
+//!
+//! Limits: sharing stops at chart borders. The choice looks at the noise that it judges, so the stated error is a little
+//! low where one half has few samples.
 
+use super::cells::Cells;
+use super::network::Network;
 use crate::base::{Rgb, parallel};
 use crate::patches::{PatchGraph, Patches};
+use core::ops::{Add, Mul, Sub};
 
-/// Share of a patch that flows over one link per step. Four links take 0.8; above 0.25 the explicit step would ring.
-const STEP: f32 = 0.2;
-/// Ends the loop for very fine texels.
-const MOST_STEPS: usize = 256;
-/// κ: relative curvature of indirect light at the scale of H; a guess. Smaller shares more.
-const CURVATURE: f32 = 0.5;
+/// Steps of flow that are compared; n steps spread light by √(0.4 n) texels: 0.6, 1.1, 1.8, 2.8, 4.5, 6.9.
+const LEVELS: [usize; 7] = [0, 1, 3, 8, 20, 50, 120];
+/// Steps that q flows before levels are compared: a window of 3.5 texels. Measured on four scenes: 4 to 300 steps differ
+/// by 2 % in error.
+const JUDGE_STEPS: usize = 30;
+/// Weight of the cell's mean of q against the flow's. Without cells, charts of few texels choose by their noise: the error
+/// is the same, but the stated error is too small by 0.60 (courtyard), 0.68 (office); with 0.9, by 0.87 and 0.88.
+const CELL_WEIGHT: f32 = 0.8;
+/// Steps that the chosen bandwidth flows, so that it does not jump.
+const SETTLE_STEPS: usize = 2;
+/// A wider level is tried while the last one was the best for this share of the texels.
+const WORTHWHILE: f64 = 0.02;
 
-/// How much to share.
-#[derive(Debug, Clone, Copy)]
-pub struct Settings {
-    /// a: most that light flows, as a share of the harmonic mean distance H.
-    pub reach: f32,
-    /// n: independent lines per area [1/m²].
-    pub lines_per_area: f64,
+/// Two halves of a solution.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Pair(Rgb, Rgb);
+
+/// Squared error of the mean of two shared halves [lx², sum of the channels], by patch.
+#[derive(Debug, Default)]
+pub struct Errors {
+    /// Noise that is left.
+    pub noise: Vec<f32>,
+    /// Squared bias of the flow. Means something only averaged over many patches; single ones can be negative.
+    pub bias: Vec<f32>,
+    /// Noise and bias around each patch: smoother, and never below the noise there.
+    pub around: Vec<f32>,
 }
 
-/// Links of the four-neighbour scheme with their conductances, compressed rows over front patches.
-struct Network {
-    first: Vec<u32>,
-    links: Vec<(u32, f32)>,
-}
-
-/// Shares the front patches' part of each of `fields` (irradiance [lx]) in place. `distance` is H [m].
-pub fn share(
-    patches: &Patches,
-    graph: &PatchGraph,
-    distance: &[f32],
-    fields: &mut [&mut Vec<Rgb>],
-    settings: &Settings,
-) {
-    let sigma = parallel::map(patches.front, |i| width(distance[i], settings));
-    let edges = parallel::map(patches.front, |i| patches.texel_edge(i));
-    let steps = steps(&sigma, &edges);
-    if steps == 0 {
-        return;
+impl Errors {
+    /// Two halves that did not flow.
+    #[must_use]
+    pub fn of_noise(halves: &[Vec<Rgb>; 2]) -> Self {
+        let [a, b] = halves;
+        let noise = parallel::map(a.len(), |i| 0.25 * (a[i] - b[i]).length_squared());
+        Self { bias: vec![0.0; a.len()], around: noise.clone(), noise }
     }
-    let network = Network::new(patches, graph, &sigma, &edges, steps);
-    for field in fields {
-        let mut now = field[..patches.front].to_vec();
-        for _ in 0..steps {
-            now = parallel::map(patches.front, |i| network.step(&now, i));
+
+    /// Over all patches together; there the bias is known well enough to be added where it is not negative.
+    #[must_use]
+    pub fn sum(&self) -> f64 {
+        let sum = |values: &[f32]| parallel::sum(values.len(), |i| f64::from(values[i]));
+        sum(&self.noise) + sum(&self.bias).max(0.0)
+    }
+}
+
+/// Shares two halves of irradiance [lx] of the first patches in place.
+pub fn share(patches: &Patches, graph: &PatchGraph, halves: [&mut Vec<Rgb>; 2]) -> Errors {
+    let [a, b] = halves;
+    let raw = parallel::map(a.len(), |i| Pair(a[i], b[i]));
+    let network = Network::new(patches, graph, raw.len());
+    let wanted = bandwidth(&network, &Cells::new(patches, raw.len()), &raw);
+    let steps = widest(&wanted);
+    let shared = network.narrowed(&wanted, steps).flow(raw.clone(), steps);
+    let difference = |p: Pair| (p.0 - p.1).length_squared();
+    let noise = parallel::map(raw.len(), |i| 0.25 * difference(shared[i]));
+    let bias = parallel::map(raw.len(), |i| judged(shared[i], raw[i]) - 0.5 * difference(raw[i]) - noise[i]);
+    let both = network.flow(noise.iter().zip(&bias).map(|(n, b)| n + b).collect(), JUDGE_STEPS);
+    let around = both.into_iter().zip(network.flow(noise.clone(), JUDGE_STEPS)).map(|(e, n)| e.max(n)).collect();
+    for (i, pair) in shared.into_iter().enumerate() {
+        (a[i], b[i]) = (pair.0, pair.1);
+    }
+    Errors { noise, bias, around }
+}
+
+/// Steps of flow that suit each patch best.
+fn bandwidth(network: &Network, cells: &Cells, raw: &[Pair]) -> Vec<f32> {
+    let mut best: Vec<(f32, f32)> = vec![(f32::INFINITY, 0.0); raw.len()];
+    let (mut field, mut before) = (raw.to_vec(), 0);
+    for steps in LEVELS {
+        field = network.flow(field, steps - before);
+        before = steps;
+        let q = parallel::map(raw.len(), |i| judged(field[i], raw[i]));
+        let (near, around) = (network.flow(q.clone(), JUDGE_STEPS), cells.mean(&q));
+        let q = near.into_iter().zip(around).map(|(n, a)| n + (a - n) * CELL_WEIGHT);
+        let mut chosen = 0;
+        for (best, q) in best.iter_mut().zip(q) {
+            if q < best.0 {
+                *best = (q, steps as f32);
+                chosen += 1;
+            }
         }
-        field[..patches.front].copy_from_slice(&now);
+        if (chosen as f64) < WORTHWHILE * raw.len() as f64 {
+            break;
+        }
     }
+    network.flow(best.into_iter().map(|(_, steps)| steps).collect(), SETTLE_STEPS)
 }
 
-/// σ [m].
-fn width(distance: f32, settings: &Settings) -> f32 {
-    let h = f64::from(distance);
-    let kappa = f64::from(CURVATURE);
-    let variance = h.powi(4) / (8.0 * core::f64::consts::PI * kappa * kappa * settings.lines_per_area.max(1e-9));
-    (libm::pow(variance, 1.0 / 6.0) as f32).min(settings.reach * distance)
+/// q of the header.
+fn judged(shared: Pair, raw: Pair) -> f32 {
+    let square = |v: Rgb| v.length_squared();
+    0.5 * (square(shared.0 - raw.1) + square(shared.1 - raw.0)) - 0.25 * square(shared.0 - shared.1)
 }
 
-/// Steps that the widest twentieth of the texels needs at full conductance.
-fn steps(sigma: &[f32], edges: &[f32]) -> usize {
-    let mut needed: Vec<f32> = sigma.iter().zip(edges).map(|(w, s)| (w / s) * (w / s) / (2.0 * STEP)).collect();
-    if needed.is_empty() {
+/// Steps that all but the widest hundredth of the texels are content with.
+fn widest(wanted: &[f32]) -> usize {
+    let mut wanted = wanted.to_vec();
+    if wanted.is_empty() {
         return 0;
     }
-    let k = needed.len() * 19 / 20;
-    let (_, value, _) = needed.select_nth_unstable_by(k, f32::total_cmp);
-    (value.ceil() as usize).min(MOST_STEPS)
+    let k = wanted.len() * 99 / 100;
+    let (_, value, _) = wanted.select_nth_unstable_by(k, f32::total_cmp);
+    value.ceil() as usize
 }
 
-impl Network {
-    fn new(patches: &Patches, graph: &PatchGraph, sigma: &[f32], edges: &[f32], steps: usize) -> Self {
-        let rows = parallel::map(patches.front, |i| {
-            let (x, y) = patches.texel_xy(i);
-            let beside = |j: usize| {
-                let (u, v) = patches.texel_xy(j);
-                u.abs_diff(x) + v.abs_diff(y) == 1
-            };
-            let link = |&j: &u32| {
-                let k = j as usize;
-                let (width, s) = (sigma[i].min(sigma[k]), edges[i].max(edges[k]));
-                let c = (width * width / (2.0 * STEP * steps as f32 * s * s)).min(1.0);
-                let conductance = STEP * c * patches.exposed_area(i).min(patches.exposed_area(k));
-                (j, conductance / patches.exposed_area(i).max(f32::MIN_POSITIVE))
-            };
-            graph.neighbors(i).iter().filter(|&&j| beside(j as usize)).map(link).collect::<Vec<_>>()
-        });
-        let mut first = vec![0u32];
-        let mut links = vec![];
-        for row in rows {
-            links.extend(row);
-            first.push(links.len() as u32);
-        }
-        Self { first, links }
+impl Add for Pair {
+    type Output = Self;
+    fn add(self, o: Self) -> Self {
+        Self(self.0 + o.0, self.1 + o.1)
     }
+}
 
-    fn step(&self, field: &[Rgb], i: usize) -> Rgb {
-        let row = &self.links[self.first[i] as usize..self.first[i + 1] as usize];
-        row.iter().fold(field[i], |e, &(j, rate)| e + (field[j as usize] - field[i]) * rate)
+impl Sub for Pair {
+    type Output = Self;
+    fn sub(self, o: Self) -> Self {
+        Self(self.0 - o.0, self.1 - o.1)
+    }
+}
+
+impl Mul<f32> for Pair {
+    type Output = Self;
+    fn mul(self, k: f32) -> Self {
+        Self(self.0 * k, self.1 * k)
     }
 }

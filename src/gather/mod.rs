@@ -4,8 +4,16 @@
 //! halves that share no random number, so that their difference tells the error.
 //!
 //! Each ray reads `B = ρ(E_direct + E_indirect)/π` where it lands; what leaves the scene or lands on an emitter's own
-//! light counts as direct and is not read. Directions are Owen-scrambled low-discrepancy points around the shading
-//! normal; starting points are spread over the exposed part of the texel.
+//! light counts as direct and is not read. Starting points are spread over the exposed part of the texel.
+//!
+//! Directions and starting points are one Owen-scrambled low-discrepancy sequence per tile of [`TILE`] texels, dealt out
+//! along its Z-order curve: the rays of a texel are well spread, and those of a block of texels together as well, so that
+//! neighbours err in opposite directions and sharing cancels it. Source: Ahmed and Wonka, "Screen-space blue-noise
+//! diffusion of Monte Carlo sampling error via hierarchical ordering of pixels", ACM TOG 39(6), 2020.
+//!
+//! Effort goes where it is needed: a first round is the same everywhere, a second in proportion to the error that is left
+//! after sharing, which is where a sum of squares falls fastest. Rounds are chosen by smoothed error, so the choice hardly
+//! depends on the very samples that it adds to.
 //!
 //! Source: Reichert, "A Two-Pass Radiosity Method Driven by Lights and Viewer Position" (thesis, Cornell, 1992), for
 //! the final gather over a radiosity solution.
@@ -17,91 +25,117 @@ use crate::base::random::{Stage, mix};
 use crate::base::{Frame, Progress, Rgb, parallel, warp};
 use crate::patches::Patches;
 use crate::trace::{Ray, Tracer};
+use core::f32::consts::PI;
 use glam::Vec2;
 
-/// How to gather.
-#[derive(Debug, Clone, Copy)]
-pub struct Settings {
-    /// Rays per texel, both halves together; rounded up to an even number.
-    pub rays: u32,
+/// Texels of a tile that share a sequence; the rest of its 2³² points are for rays.
+const TILE: u32 = 1 << 16;
+/// Rays of one half that a texel of a tile has points for.
+const MOST_RAYS: u32 = 1 << 16;
+/// Most rays that the second round gives a texel, as a multiple of the mean.
+const MOST_EXTRA: f32 = 8.0;
+
+/// What rays read, and where.
+pub struct Field<'a> {
+    /// To trace in.
+    pub tracer: &'a Tracer<'a>,
+    /// To gather at and to read from.
+    pub patches: &'a Patches,
+    /// What each patch sends out [cd/m²], one solution per half.
+    pub radiance: [&'a [Rgb]; 2],
     /// Chooses the random numbers.
     pub seed: u64,
 }
 
-/// What was gathered, per front patch.
-#[derive(Debug, Default)]
+/// Sums of rays per front patch.
+#[derive(Debug, Default, Clone)]
 pub struct Gathered {
-    /// Indirect irradiance by each half of the rays [lx].
-    pub halves: [Vec<Rgb>; 2],
-    /// Harmonic mean of the lengths of the rays that hit something [m]; 0 where none did.
-    pub distance: Vec<f32>,
-    /// Rays traced.
-    pub rays: u64,
+    texels: Vec<Texel>,
 }
 
 /// One texel's sums.
-#[derive(Default, Clone, Copy)]
+#[derive(Debug, Default, Clone, Copy)]
 struct Texel {
-    halves: [Rgb; 2],
-    distance: f32,
+    /// Radiance by half [cd/m²].
+    sums: [Rgb; 2],
+    /// Rays of each half.
+    rays: u32,
 }
 
-/// Gathers at every front patch. `radiance` is what each patch sends out [cd/m²], one solution per half.
+impl Gathered {
+    /// Nothing yet.
+    #[must_use]
+    pub fn new(patches: &Patches) -> Self {
+        Self { texels: vec![Texel::default(); patches.front] }
+    }
+
+    /// Traces `rays(texel)` more rays per half at every front patch.
+    pub fn add(&mut self, field: &Field<'_>, rays: impl Fn(usize) -> u32 + Sync, progress: &Progress) {
+        let texels = core::mem::take(&mut self.texels);
+        self.texels = parallel::map_watched(texels.len(), progress, |i| field.texel(i, texels[i], rays(i)));
+    }
+
+    /// Indirect irradiance by each half of the rays [lx].
+    #[must_use]
+    pub fn halves(&self) -> [Vec<Rgb>; 2] {
+        [0, 1].map(|h| self.texels.iter().map(|t| t.sums[h] * (PI / t.rays.max(1) as f32)).collect())
+    }
+
+    /// Rays traced.
+    #[must_use]
+    pub fn rays(&self) -> u64 {
+        self.texels.iter().map(|t| 2 * u64::from(t.rays)).sum()
+    }
+}
+
+/// Rays per half that a second round of `mean` rays per half gives each texel: in proportion to the root of `error`
+/// (squared, smoothed).
 #[must_use]
-pub fn gather(
-    tracer: &Tracer<'_>,
-    patches: &Patches,
-    radiance: [&[Rgb]; 2],
-    settings: &Settings,
-    progress: &Progress,
-) -> Gathered {
-    let per_half = settings.rays.div_ceil(2);
-    let texels = parallel::map_watched(patches.front, progress, |i| {
-        texel(tracer, patches, radiance, settings.seed, per_half, i)
-    });
-    Gathered {
-        halves: [0, 1].map(|h| texels.iter().map(|t| t.halves[h]).collect()),
-        distance: texels.iter().map(|t| t.distance).collect(),
-        rays: patches.front as u64 * u64::from(per_half) * 2,
+pub fn second_round(error: &[f32], mean: u32) -> Vec<u32> {
+    let deviation = |i: usize| error[i].max(0.0).sqrt();
+    let total = parallel::sum(error.len(), |i| f64::from(deviation(i)));
+    if total <= 0.0 {
+        return vec![0; error.len()];
     }
+    let scale = (f64::from(mean) * error.len() as f64 / total) as f32;
+    let most = mean as f32 * MOST_EXTRA;
+    parallel::map(error.len(), |i| (deviation(i) * scale).min(most).round() as u32)
 }
 
-fn texel(tracer: &Tracer<'_>, patches: &Patches, radiance: [&[Rgb]; 2], seed: u64, rays: u32, patch: usize) -> Texel {
-    let mut out = Texel::default();
-    if patches.exposed[patch] <= 0.0 || rays == 0 {
-        return out;
-    }
-    let (mut inverse, mut hits) = (0.0f64, 0u32);
-    for (half, radiance) in radiance.into_iter().enumerate() {
-        let key = mix(seed ^ mix((Stage::Gather as u64) << 40 | (half as u64) << 36).wrapping_add(patch as u64));
-        let sequence = Sequence::new(mix(key));
-        let mut sum = Rgb::ZERO;
-        for k in 0..rays {
-            let [u, v, x, y] = sequence.point(k);
-            let Some(ray) = ray(tracer, patches, patch, Vec2::new(u, v), Vec2::new(x, y)) else { continue };
-            let Some(hit) = tracer.closest_hit(&ray) else { continue };
-            inverse += 1.0 / f64::from(hit.t.max(1e-6));
-            hits += 1;
-            if let Some(seen) = patches.at(&hit) {
-                sum += radiance[seen];
+impl Field<'_> {
+    fn texel(&self, patch: usize, before: Texel, rays: u32) -> Texel {
+        let mut out = before;
+        if self.patches.exposed[patch] <= 0.0 || rays == 0 {
+            return out;
+        }
+        let place = self.patches.curve_index(patch);
+        let tile = u64::from(self.patches.page(patch)) << 32 | u64::from(place / TILE);
+        out.rays = (before.rays + rays).min(MOST_RAYS);
+        for (half, radiance) in self.radiance.into_iter().enumerate() {
+            let key = mix((Stage::Gather as u64) << 56 | (half as u64) << 52 | tile);
+            let sequence = Sequence::new(mix(self.seed ^ key));
+            for k in before.rays..out.rays {
+                let [u, v, x, y] = sequence.point((place % TILE) * MOST_RAYS + k);
+                let Some(ray) = self.ray(patch, Vec2::new(u, v), Vec2::new(x, y)) else { continue };
+                let Some(hit) = self.tracer.closest_hit(&ray) else { continue };
+                if let Some(seen) = self.patches.at(&hit) {
+                    out.sums[half] += radiance[seen];
+                }
             }
         }
-        out.halves[half] = sum * (core::f32::consts::PI / rays as f32);
+        out
     }
-    if hits > 0 {
-        out.distance = (f64::from(hits) / inverse) as f32;
-    }
-    out
-}
 
-/// `None` for a direction that a bent shading normal sends below the surface.
-fn ray(tracer: &Tracer<'_>, patches: &Patches, patch: usize, direction: Vec2, position: Vec2) -> Option<Ray> {
-    let point = patches.sample(patch, position);
-    let scene = tracer.scene();
-    let frame = Frame::from_normal(scene.shading_normal(point.triangle, point.b));
-    let direction = frame.to_world(warp::square_to_cosine_hemisphere(direction));
-    if direction.dot(scene.geometric_normal(point.triangle)) <= 0.0 {
-        return None;
+    /// `None` for a direction that a bent shading normal sends below the surface.
+    fn ray(&self, patch: usize, direction: Vec2, position: Vec2) -> Option<Ray> {
+        let point = self.patches.sample(patch, position);
+        let scene = self.tracer.scene();
+        let frame = Frame::from_normal(scene.shading_normal(point.triangle, point.b));
+        let direction = frame.to_world(warp::square_to_cosine_hemisphere(direction));
+        if direction.dot(scene.geometric_normal(point.triangle)) <= 0.0 {
+            return None;
+        }
+        let origin = self.tracer.origin_on(point.triangle, point.b, direction);
+        Some(Ray { origin, direction, t_max: f32::INFINITY })
     }
-    Some(Ray { origin: tracer.origin_on(point.triangle, point.b, direction), direction, t_max: f32::INFINITY })
 }

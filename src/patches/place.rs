@@ -79,6 +79,14 @@ impl Patches {
         (texel % width, (texel / width) % height)
     }
 
+    /// Position of a front patch's texel on the Z-order curve of its page: texels that are close to each other on the
+    /// curve are close on the page.
+    #[must_use]
+    pub fn curve_index(&self, front: usize) -> u32 {
+        let (x, y) = self.texel_xy(front);
+        spread_bits(x) | spread_bits(y) << 1
+    }
+
     /// Page of a front patch's texel.
     #[must_use]
     pub fn page(&self, front: usize) -> u32 {
@@ -152,4 +160,13 @@ impl Patches {
         let cell = |v: f64| ((v * n) as u32).min(MASK_GRID - 1);
         self.mask[front] >> (cell(point.y) * MASK_GRID + cell(point.x)) & 1 == 1
     }
+}
+
+/// The lower 16 bits of v, a zero between any two of them.
+fn spread_bits(v: u32) -> u32 {
+    let mut v = v & 0xffff;
+    for (shift, mask) in [(8, 0x00ff_00ff), (4, 0x0f0f_0f0f), (2, 0x3333_3333), (1, 0x5555_5555)] {
+        v = (v | v << shift) & mask;
+    }
+    v
 }

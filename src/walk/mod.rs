@@ -60,8 +60,6 @@ pub struct Walk {
     pub direct: Vec<Rgb>,
     /// Irradiance after at least one reflection [lx].
     pub indirect: Vec<Rgb>,
-    /// Harmonic mean of the lengths of the lines that hit each patch [m]; 0 where there was none.
-    pub distance: Vec<f32>,
     /// One entry per iteration, emitted lines first; the last entry has no lines and tells what is left to shoot.
     pub ledger: Vec<Bounce>,
 }
@@ -101,7 +99,7 @@ pub fn walk(
     let mut state = State::new(patches, unshot);
     if let Some(emitted) = emitted {
         let lines = state.lines_for(Some(emitted), patches, settings);
-        let (received, bounce) = shooter.emitted(emitted, lines, &mut state.distance);
+        let (received, bounce) = shooter.emitted(emitted, lines);
         state.direct.clone_from(&received);
         state.turn(patches, &received, bounce);
     }
@@ -111,7 +109,7 @@ pub fn walk(
         if lines == 0 {
             break;
         }
-        let (received, ledger) = shooter.reflected(&state.unshot, lines, bounce, &mut state.distance);
+        let (received, ledger) = shooter.reflected(&state.unshot, lines, bounce);
         for (sum, r) in state.indirect.iter_mut().zip(&received) {
             *sum += *r;
         }
@@ -134,7 +132,6 @@ struct State {
     unshot: Vec<Rgb>,
     direct: Vec<Rgb>,
     indirect: Vec<Rgb>,
-    distance: accumulate::Distances,
     ledger: Vec<Bounce>,
     spent: u64,
     all_power: f64,
@@ -143,15 +140,7 @@ struct State {
 impl State {
     fn new(patches: &Patches, unshot: Vec<Rgb>) -> Self {
         let none = || vec![Rgb::ZERO; patches.len()];
-        Self {
-            unshot,
-            direct: none(),
-            indirect: none(),
-            distance: accumulate::Distances::new(patches.len()),
-            ledger: vec![],
-            spent: 0,
-            all_power: 0.0,
-        }
+        Self { unshot, direct: none(), indirect: none(), ledger: vec![], spent: 0, all_power: 0.0 }
     }
 
     /// Adds what the patches reflect of `received` to what they have to shoot.
@@ -209,12 +198,7 @@ impl State {
                 if area > 0.0 { flux[i] / area } else { Rgb::ZERO }
             })
         };
-        Walk {
-            direct: per_area(&self.direct),
-            indirect: per_area(&self.indirect),
-            distance: self.distance.harmonic_means(),
-            ledger: self.ledger,
-        }
+        Walk { direct: per_area(&self.direct), indirect: per_area(&self.indirect), ledger: self.ledger }
     }
 }
 

@@ -4,7 +4,7 @@
 //! Lines are traced in chunks of consecutive numbers, so a chunk walks along the patches and their memory; their ends are
 //! sorted by patch before flux is added, for the same reason: the paper's splat touches nine patches per line.
 
-use super::accumulate::{Arrivals, Distances};
+use super::accumulate::Arrivals;
 use super::deposit::{Arrival, deposit};
 use super::{Bounce, EmittedLines, Settings};
 use crate::base::low_discrepancy::Sequence;
@@ -36,12 +36,7 @@ struct Tally {
 
 impl Shooter<'_> {
     /// Shoots `lines` lines of the emitters.
-    pub(super) fn emitted(
-        &self,
-        emitted: &EmittedLines<'_>,
-        lines: u64,
-        distances: &mut Distances,
-    ) -> (Vec<Rgb>, Bounce) {
+    pub(super) fn emitted(&self, emitted: &EmittedLines<'_>, lines: u64) -> (Vec<Rgb>, Bounce) {
         let arrivals = Arrivals::new(self.patches.len(), 8.0 * f64::from(emitted.flux.max_element()));
         let tallies = parallel::map_chunks(lines as usize, CHUNK, |range| {
             let (mut tally, mut ends) = (Tally::default(), Vec::with_capacity(range.len()));
@@ -52,17 +47,11 @@ impl Shooter<'_> {
             self.deposit(&ends, &arrivals);
             tally
         });
-        self.close(arrivals.take(distances), &tallies, lines, emitted.flux.as_dvec3())
+        self.close(arrivals.take(), &tallies, lines, emitted.flux.as_dvec3())
     }
 
     /// Shoots `lines` lines from the patches, in proportion to what they have to shoot.
-    pub(super) fn reflected(
-        &self,
-        unshot: &[Rgb],
-        lines: u64,
-        bounce: u32,
-        distances: &mut Distances,
-    ) -> (Vec<Rgb>, Bounce) {
+    pub(super) fn reflected(&self, unshot: &[Rgb], lines: u64, bounce: u32) -> (Vec<Rgb>, Bounce) {
         let running = running_sum(unshot);
         let total = running.last().copied().unwrap_or(0.0);
         let channels = DVec3::from_array([0, 1, 2].map(|c| parallel::sum(unshot.len(), |i| f64::from(unshot[i][c]))));
@@ -94,7 +83,7 @@ impl Shooter<'_> {
             self.deposit(&ends, &arrivals);
             tally
         });
-        self.close(arrivals.take(distances), &tallies, lines, channels)
+        self.close(arrivals.take(), &tallies, lines, channels)
     }
 
     /// Where the line's flux arrives, if it is not lost.
@@ -125,7 +114,6 @@ impl Shooter<'_> {
         order.sort_unstable();
         for key in order {
             let end = &ends[(key & u64::from(u32::MAX)) as usize];
-            adder.length(end.patch, end.distance);
             let units = adder.units(end.flux);
             deposit(self.settings.splat, self.patches, self.graph, end, units, |p, units| adder.flux(p, units));
         }
