@@ -123,7 +123,7 @@ pub struct Options {
     /// How direct light is found
     #[arg(long, value_enum, value_name = "MODE", help_heading = "Solver")]
     pub direct: Option<DirectMode>,
-    /// Shadow rays per texel to emissive surfaces, to the sky and to lights with a size, each; more in penumbrae
+    /// Shadow rays per texel to lights and surfaces, to sky and environment, and to each sun with a size; more in penumbrae
     #[arg(long, value_name = "N", help_heading = "Solver")]
     pub direct_samples: Option<u32>,
     /// Lines of the walk over all bounces

@@ -165,7 +165,7 @@ fn walk(request: &Request, solution: &Solution, lines: u64) -> report::Walk {
 }
 
 /// Root mean square of the standard error over the mean, all channels and covered texels alike; of what random numbers
-/// decide in the walk and the gather.
+/// decide in direct light, walk and gather.
 fn estimated_nrmse(patches: &Patches, solution: &Solution) -> Option<f64> {
     let squares = |v: Rgb| f64::from(v.length_squared());
     let error = parallel::sum(patches.front, |i| squares(solution.half(0, i) - solution.half(1, i)) / 4.0);

@@ -10,9 +10,8 @@
 
 use super::allot::{self, Allotment};
 use super::hard::{self, Hard};
-use super::look::Look;
+use super::look::{Look, Place};
 use super::neighbors::Neighbors;
-use super::tree::Cut;
 use super::{Emitters, Settings};
 use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, Stream, mix};
@@ -80,9 +79,9 @@ pub fn direct(
     let hard = hard::hard(&look, &neighbors, progress);
     let mut rays = hard.rays;
     let context = Context { look, emitters, patches, hard, seed: settings.seed };
-    let first = allot::first_samples(settings.samples);
     let mut layers = vec![];
     for kind in [Kind::Each, Kind::Finite, Kind::Infinity] {
+        let first = allot::first_samples(settings.samples, kind == Kind::Each);
         let list: Vec<Allotment> =
             (0..patches.len()).filter(|&i| context.has(kind, i)).map(|i| (i as u32, first)).collect();
         if !list.is_empty() {
@@ -150,12 +149,12 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
                 })
             }
             Kind::Finite => {
-                let (site, mut cut) = (look.site(patch), Cut::default());
-                self.emitters.cut(&site, &mut cut);
+                let site = look.site(patch);
+                let mut cut = self.emitters.cut(&site);
                 if cut.is_empty() {
                     return [Rgb::ZERO; 2];
                 }
-                self.sampled(look, kind, patch, range, |look, place, pick, u| look.finite(place, &site, &cut, pick, u))
+                self.sampled(look, kind, patch, range, |look, place, pick, u| look.finite(place, &mut cut, pick, u))
             }
             Kind::Infinity => {
                 self.sampled(look, kind, patch, range, |look, place, pick, u| look.infinity(place, pick, u))
@@ -170,7 +169,7 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
         kind: Kind,
         patch: usize,
         range: core::ops::Range<u32>,
-        f: impl Fn(&mut Look<'a>, &super::look::Place, f64, Vec2) -> Rgb,
+        mut f: impl FnMut(&mut Look<'a>, &Place, f64, Vec2) -> Rgb,
     ) -> [Rgb; 2] {
         [0, 1].map(|half| {
             let key = (Stage::Light as u64) << 48 | (kind as u64) << 40 | half << 36;

@@ -119,13 +119,18 @@ impl Emitters {
     }
 
     /// The nodes to choose from at a site.
-    pub(super) fn cut(&self, site: &Site, cut: &mut Cut) {
-        self.tree.cut(site, |k, site| self.estimate(k, site), cut);
+    pub(super) fn cut(&self, site: &Site) -> Cut {
+        self.tree.cut(site, |k, site| self.estimate(k, site))
+    }
+
+    /// Weighs what is near for one point of the texel.
+    pub(super) fn weigh(&self, cut: &mut Cut, point: &Site) {
+        self.tree.weigh(cut, point, |k, site| self.estimate(k, site));
     }
 
     /// A leaf for `pick` in [0, 1), and its probability.
-    pub(super) fn pick(&self, cut: &Cut, site: &Site, pick: f64) -> Option<(Leaf<'_>, f32)> {
-        let (k, probability) = self.tree.pick(cut, site, |k, site| self.estimate(k, site), pick)?;
+    pub(super) fn pick(&self, cut: &Cut, point: &Site, pick: f64) -> Option<(Leaf<'_>, f32)> {
+        let (k, probability) = self.tree.pick(cut, point, |k, site| self.estimate(k, site), pick)?;
         Some((self.leaf(k), probability))
     }
 

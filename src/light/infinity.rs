@@ -84,3 +84,74 @@ impl Infinity {
         self.grid.probability(x, y) / map.solid_angle(y)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::{Stage, Stream};
+
+    fn scene() -> Scene {
+        let value = |i: usize| if i == 17 { 300.0 } else { (i % 5) as f32 };
+        let pixels = (0..16 * 8).map(|i| Rgb::splat(value(i))).collect();
+        Scene { environment: Environment::new(16, 8, pixels, 0.7), ..Scene::default() }
+    }
+
+    /// Mean of `f(direction)/density` over draws, which is the integral of `f`.
+    fn integral(f: impl Fn(Vec3) -> f32, wrong: f32, draw: impl Fn(f32, Vec2) -> (Vec3, f32)) -> f64 {
+        let n = 200_000u64;
+        let one = |i: u64| {
+            let mut s = Stream::new(9, Stage::Light, 0, i);
+            let (direction, density) = draw((i as f64 / n as f64) as f32, Vec2::new(s.next_f32(), s.next_f32()));
+            f64::from(f(direction) / (density * wrong))
+        };
+        (0..n).map(one).fold(0.0, |a, b| a + b) / n as f64
+    }
+
+    #[test]
+    fn densities_integrate_to_one_and_to_the_light() {
+        let scene = scene();
+        let infinity = Infinity::new(&scene);
+        assert!(infinity.share > 0.2);
+        let whole = |pick, u| infinity.anywhere(&scene, pick, u);
+        // ∫ over the sphere by both of its parts: even, and by map.
+        assert!((integral(|_| 1.0, 1.0, whole) / f64::from(4.0 * PI) - 1.0).abs() < 0.01);
+        let exact = f64::from(scene.environment.as_ref().unwrap().total().x);
+        let light = |d: Vec3| scene.light_from_infinity(d).x;
+        assert!((integral(light, 1.0, whole) / exact - 1.0).abs() < 5e-3);
+        assert!((integral(light, 1.02, whole) / exact - 1.0).abs() > 1e-2, "a density 2 % too high goes unnoticed");
+
+        let normal = Vec3::new(0.3, 0.8, -0.4).normalize();
+        let above = |pick, u| infinity.above(&scene, normal, pick, u);
+        let facing = |d: Vec3| light(d) * d.dot(normal).max(0.0);
+        let exact = integral(facing, 1.0, whole);
+        assert!((integral(facing, 1.0, above) / exact - 1.0).abs() < 5e-3);
+    }
+
+    #[test]
+    fn the_density_by_map_is_that_of_its_draws() {
+        let scene = scene();
+        let infinity = Infinity::new(&scene);
+        let map = scene.environment.as_ref().unwrap();
+        let n = 100_000u64;
+        let mut counts = vec![0u32; 128];
+        for i in 0..n {
+            let mut s = Stream::new(10, Stage::Light, 0, i);
+            let toward = infinity.by_map(&scene, 0.0, Vec2::new(s.next_f32(), s.next_f32())).unwrap();
+            let [x, y] = map.pixel_at(toward);
+            counts[y * 16 + x] += 1;
+        }
+        let (mut chi_square, mut bins) = (0.0, 0.0);
+        for (i, &count) in counts.iter().enumerate() {
+            let toward = map.toward([i % 16, i / 16], Vec2::splat(0.5));
+            let expected = f64::from(infinity.density(&scene, toward) * map.solid_angle(i / 16)) * n as f64;
+            if expected > 0.0 {
+                chi_square += (f64::from(count) - expected).powi(2) / expected;
+                bins += 1.0;
+            } else {
+                assert!(count < 4, "pixel {i} has no density but {count} draws");
+            }
+        }
+        let z = (chi_square - bins) / f64::sqrt(2.0 * bins);
+        assert!(z.abs() < 4.0, "{z}");
+    }
+}

@@ -83,8 +83,10 @@ impl<'a> Look<'a> {
     }
 
     /// Irradiance by everything in the tree, from one choice [lx].
-    pub(super) fn finite(&mut self, place: &Place, site: &Site, cut: &Cut, pick: f64, u: Vec2) -> Rgb {
-        match self.emitters.pick(cut, site, pick) {
+    pub(super) fn finite(&mut self, place: &Place, cut: &mut Cut, pick: f64, u: Vec2) -> Rgb {
+        let point = Site { position: place.position, normal: place.normal, radius: 0.0, flat: true };
+        self.emitters.weigh(cut, &point);
+        match self.emitters.pick(cut, &point, pick) {
             Some((Leaf::Piece(piece), probability)) => {
                 let sampled = piece.sample(self.scene(), place.position, probability, u);
                 sampled.map_or(Rgb::ZERO, |s| self.surface(place, &s))

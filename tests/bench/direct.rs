@@ -1,8 +1,9 @@
-//! Error and cost of direct light on the fixtures, against a reference of the same function with 64 times the samples.
+//! Error and cost of direct light on the fixtures, against a reference of the same function with many times the samples.
 //!
-//! `cargo bench --bench direct -- DIR reference` writes references into DIR, `-- DIR NAME SAMPLES…` measures against
-//! them and prints comma-separated values: scene, name, samples, texels, CPU seconds, NRMSE over all texels, root mean
-//! square of the relative error (denominator: texel plus a tenth of the mean).
+//! `cargo bench --bench direct -- DIR reference SAMPLES` writes references into DIR, `-- DIR NAME SAMPLES…` measures
+//! against them and prints comma-separated values: scene, name, samples, texels, shadow rays per texel, CPU seconds, NRMSE
+//! over all texels, root mean square of the relative error (denominator: texel plus a tenth of the mean), and the NRMSE
+//! that the halves estimate. The variable SCENES chooses scenes.
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "bench")]
 
 #[path = "../support/solve.rs"]
@@ -53,7 +54,8 @@ fn main() {
         let stage = Stage::new(&scene, *density);
         let path = folder.join(scene_name);
         if name == "reference" {
-            let values = stage.direct(2048);
+            let [a, b] = stage.direct_halves(arguments[2].parse().unwrap(), 7).halves;
+            let values: Vec<Rgb> = a.iter().zip(b).map(|(a, b)| (*a + b) * 0.5).collect();
             std::fs::write(
                 &path,
                 values.iter().flat_map(|v| v.to_array()).flat_map(f32::to_le_bytes).collect::<Vec<u8>>(),
@@ -66,8 +68,17 @@ fn main() {
         let reference: Vec<Rgb> = numbers.chunks(3).map(Rgb::from_slice).collect();
         for samples in &arguments[2..] {
             let start = cpu_seconds();
-            let values = stage.direct(samples.parse().unwrap());
+            let light = stage.direct_halves(samples.parse().unwrap(), 1);
             let seconds = cpu_seconds() - start;
+            let [a, b] = &light.halves;
+            let values: Vec<Rgb> = a.iter().zip(b).map(|(a, b)| (*a + *b) * 0.5).collect();
+            let difference: Vec<Rgb> = a.iter().zip(b).map(|(a, b)| (*a - *b) * 0.5).collect();
+            let estimated = (difference.iter().map(|d| f64::from(d.length_squared()) / 3.0).fold(0.0, |a, b| a + b)
+                / values.len() as f64)
+                .sqrt()
+                / (values.iter().map(|v| f64::from(v.element_sum()) / 3.0).fold(0.0, |a, b| a + b)
+                    / values.len() as f64);
+            let rays = light.rays as f64 / values.len() as f64;
             if name == "dump" {
                 std::fs::write(
                     folder.join(format!("{scene_name}-{samples}")),
@@ -76,7 +87,10 @@ fn main() {
                 .unwrap();
             }
             let (all, relative) = if reference.is_empty() { (0.0, 0.0) } else { errors(&reference, &values) };
-            println!("{scene_name},{name},{samples},{},{seconds:.2},{all:.5},{relative:.5}", values.len());
+            println!(
+                "{scene_name},{name},{samples},{},{rays:.1},{seconds:.2},{all:.5},{relative:.5},{estimated:.5}",
+                values.len()
+            );
         }
     }
 }
