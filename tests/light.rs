@@ -392,12 +392,14 @@ fn cost_and_error(scene: &Scene, samples: u32) -> (f64, f64) {
 
 #[test]
 fn a_thousand_lights_cost_little_more_than_ten() {
-    let (few_rays, few_error) = cost_and_error(&hall(10), 32);
-    let (many_rays, many_error) = cost_and_error(&hall(1000), 32);
-    println!("10: {few_rays} rays, {few_error}; 1000: {many_rays} rays, {many_error}");
-    // Error falls with the square root of the rays, so this is the cost at equal error.
-    let cost = many_rays / few_rays * (many_error / few_error).powi(2);
-    assert!(cost < 3.0, "{cost}: {many_rays} rays, {many_error} against {few_rays} rays, {few_error}");
+    // Ten are exact but for edges of shadows, so there is no cheaper way to look at them than this, and no larger error.
+    let most = 0.036;
+    let least_rays = |n: usize| {
+        let runs = [1, 4, 16, 32, 64].into_iter().map(|samples| cost_and_error(&hall(n), samples));
+        runs.filter(|r| r.1 <= most).map(|r| r.0).fold(f64::INFINITY, f64::min)
+    };
+    let (few, many) = (least_rays(10), least_rays(1000));
+    assert!(many <= 3.0 * few, "{many} rays a texel against {few}");
 }
 
 #[test]
@@ -418,8 +420,8 @@ fn many_lights_add_up_to_the_same_as_each_alone() {
 
 #[test]
 fn halves_are_independent_and_tell_the_error() {
-    let scene = solve::load("room/room.glb");
-    let stage = Stage::new(&scene, 4.0);
+    let scene = solve::load("cornell/cornell.gltf");
+    let stage = Stage::new(&scene, 6.0);
     let reference = stage.direct_halves(256, 77);
     let test = stage.direct_halves(16, 5);
     let mean = |l: &texelwalk::light::Direct, i: usize| (l.halves[0][i] + l.halves[1][i]) * 0.5;
@@ -428,8 +430,9 @@ fn halves_are_independent_and_tell_the_error() {
         real += f64::from((mean(&test, i) - mean(&reference, i)).length_squared());
         told += f64::from((test.halves[0][i] - test.halves[1][i]).length_squared()) / 4.0;
     }
+    // A little less than all of it: texels stop when they look good.
     let ratio = (told / real).sqrt();
-    assert!((0.85..1.15).contains(&ratio), "the halves tell {ratio} of the error");
+    assert!((0.75..1.1).contains(&ratio), "the halves tell {ratio} of the error");
 }
 
 #[test]
