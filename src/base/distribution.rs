@@ -113,9 +113,9 @@ mod tests {
             seen[y][x] += 1;
             assert!(place.min_element() >= 0.0 && place.max_element() < 1.0);
         }
-        for y in 0..4 {
-            for x in 0..6 {
-                let share = seen[y][x] as f32 / (n * n) as f32;
+        for (y, row) in seen.iter().enumerate() {
+            for (x, &count) in row.iter().enumerate() {
+                let share = count as f32 / (n * n) as f32;
                 assert!((share - grid.probability(x, y)).abs() < 5e-3, "{x} {y}");
             }
         }

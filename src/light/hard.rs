@@ -48,7 +48,7 @@ pub(super) fn hard<'a>(look: &(impl Fn() -> Look<'a> + Sync), neighbors: &Neighb
         edges
     });
     let again = parallel::map(n, |i| if edges[i] == 0 { first[i] } else { cells(&mut look(), i, !edges[i]) });
-    let rays = (0..n).map(|i| first[i].rays + if edges[i] == 0 { 0 } else { again[i].rays }).fold(0, |a, b| a + b);
+    let rays: u64 = (0..n).map(|i| first[i].rays + if edges[i] == 0 { 0 } else { again[i].rays }).sum();
     Hard { irradiance: again.iter().map(|c| c.mean).collect(), edges, rays }
 }
 
