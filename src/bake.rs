@@ -9,18 +9,18 @@ mod write;
 
 use crate::atlas::{self, Atlas};
 use crate::base::random::mix;
-use crate::base::{Progress, Rgb, parallel};
+use crate::base::{Progress, Rgb, Warned, parallel};
 use crate::finish::{self, Lightmap};
 use crate::gather::{self, Gathered};
 use crate::light::{self, Emitters, shoot};
 use crate::output::{self, report};
 use crate::patches::{PatchGraph, Patches};
-use crate::scene;
+use crate::scene::{self, Scene};
 use crate::settings::{DirectMode, Quantity, Settings, SplatMode};
 use crate::trace::Tracer;
 use crate::walk::{self, EmittedLines, Splat, Walk};
 use core::f32::consts::FRAC_1_PI;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -116,7 +116,7 @@ impl Clock<'_> {
 pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>) -> Result<Outcome, Error> {
     let settings = &request.settings;
     let mut clock = Clock { observer, progress, stages: vec![] };
-    let loaded = clock.timed("load", |_| scene::load(&request.input, &scene_settings(settings)))??;
+    let loaded = clock.timed("load", |_| load(&request.input, settings))??;
     let (scene, mut warnings) = (loaded.output, loaded.warnings);
     let tracer = clock.timed("trace", |_| Tracer::new(&scene))?;
     let flag = clock.progress.cancel_flag();
@@ -132,9 +132,21 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     write::write(request, &facts, lightmap, &mut clock)
 }
 
-fn scene_settings(settings: &Settings) -> scene::Settings {
-    let radians = settings.sun_angle.map(f32::to_radians);
-    scene::Settings { scene: settings.scene, sky: settings.sky(), sun_angle: radians }
+/// The document, and the environment that the settings name.
+fn load(input: &Path, settings: &Settings) -> Result<Warned<Scene>, scene::Error> {
+    let how = scene::Settings {
+        scene: settings.scene,
+        sky: settings.sky(),
+        sun_angle: settings.sun_angle.map(f32::to_radians),
+        light_radius: settings.light_radius,
+    };
+    let mut loaded = scene::load(input, &how)?;
+    if let Some(path) = &settings.environment {
+        let (factor, rotation) = (settings.environment_intensity, settings.environment_rotation.to_radians());
+        loaded.output.environment = Some(scene::Environment::load(path, factor, rotation)?);
+        loaded.output.document.files_read.push(path.clone());
+    }
+    Ok(loaded)
 }
 
 fn atlas_settings(settings: &Settings, cancel: Arc<std::sync::atomic::AtomicBool>) -> atlas::Settings {
@@ -166,9 +178,11 @@ fn solve(
         let samples = light::Settings { samples: settings.direct_samples, seed: settings.seed };
         match settings.direct {
             DirectMode::Gather => light::direct(tracer, patches, &emitters, &samples, progress),
-            DirectMode::Shoot => vec![Rgb::ZERO; patches.len()],
+            DirectMode::Shoot => light::Direct { halves: [0, 1].map(|_| vec![Rgb::ZERO; patches.len()]), rays: 0 },
         }
     })?;
+    let halves = &direct.halves;
+    let direct: Vec<Rgb> = parallel::map(patches.len(), |i| (halves[0][i] + halves[1][i]) * 0.5);
     let source = |i: usize| direct[i] * patches.exposed_area(i);
     let mut walks = clock.timed("walk", |progress| {
         [0, 1].map(|half| {
@@ -201,7 +215,7 @@ fn solve(
     let shot_in =
         |c: usize| walks.iter().map(|w| w.ledger.first().map_or(0.0, |b| b.received[c])).fold(0.0, |a, b| a + b);
     let power_in = if shoots { [0, 1, 2].map(|c| 0.5 * shot_in(c)) } else { gathered_in };
-    let direct = [0, 1].map(|h| (0..patches.front).map(|i| direct[i] + walks[h].direct[i]).collect());
+    let direct = [0, 1].map(|h| (0..patches.front).map(|i| halves[h][i] + walks[h].direct[i]).collect());
     Ok(Solution { direct, indirect, walks, power_in, squared_error: 0.0, gather_rays })
 }
 

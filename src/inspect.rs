@@ -80,7 +80,7 @@ pub struct MaterialFacts {
 /// # Errors
 /// As for `bake`, without writing.
 pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
-    let how = scene::Settings { scene: settings.scene, sky: settings.sky(), sun_angle: None };
+    let how = scene::Settings { scene: settings.scene, sky: settings.sky(), ..scene::Settings::default() };
     let loaded = scene::load(input, &how)?;
     let scene = loaded.output;
     let charted = atlas::build(

@@ -24,7 +24,7 @@
 //! | position, distance | p, d | m | everywhere |
 //! | flux | Φ = A·E | lm | `walk` |
 //! | irradiance | E | lx = lm/m² | `light`, `walk`, `gather` |
-//! | radiance | L | cd/m² | emission, sky; stored lightmap E/π |
+//! | radiance | L | cd/m² | emission, sky, environment; stored lightmap E/π |
 //! | intensity | I | cd | point and spot lights: E = I·cos θ/d² |
 //! | illuminance of a sun | | lx | E = I·cos θ |
 //! | reflectance | ρ = base colour·(1 − metallic) | 1 | `patches`; a patch sends out ρ·E/π |
@@ -61,6 +61,8 @@
 //!
 //! * F. Castro, M. Feixas, M. Sbert: "Fuzzy Random Walk". Universitat de Girona, 2002. The walk and its splat.
 //! * P. Bekaert: "Hierarchical and Stochastic Algorithms for Radiosity". doctoral thesis, KU Leuven, 1999. Shooting.
+//! * A. Conty Estevez, C. Kulla: "Importance Sampling of Many Lights with Adaptive Tree Splitting". HPG 2018. Many lights.
+//! * O. Karlík, M. Šik, P. Vévoda, T. Skřivan, J. Křivánek: "MIS Compensation". SIGGRAPH Asia 2019. Environment maps.
 //! * J. Arvo: "Stratified Sampling of Spherical Triangles". SIGGRAPH 1995. Emissive surfaces.
 //! * B. Burley: "Practical Hash-based Owen Scrambling". JCGT 9(4), 2020. Low-discrepancy points.
 //! * S. Woop, C. Benthin, I. Wald: "Watertight Ray/Triangle Intersection". JCGT 2(1), 2013.

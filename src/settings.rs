@@ -8,6 +8,7 @@ use crate::atlas::Uv;
 use crate::base::Rgb;
 use crate::scene::Sky;
 use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
 
 /// The named settings that ship with texelwalk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
@@ -119,7 +120,7 @@ pub struct Options {
     /// How direct light is found
     #[arg(long, value_enum, value_name = "MODE", help_heading = "Solver")]
     pub direct: Option<DirectMode>,
-    /// Shadow rays per texel to emissive surfaces, to the sky and to lights with a size, each; more in penumbrae
+    /// Shadow rays per texel to lights and surfaces, to sky and environment, and to each sun with a size; more in penumbrae
     #[arg(long, value_name = "N", help_heading = "Solver")]
     pub direct_samples: Option<u32>,
     /// Lines of the walk over all bounces
@@ -145,7 +146,7 @@ pub struct Options {
     #[arg(long, value_name = "R,G,B", value_parser = parse_color, help_heading = "Scene")]
     pub sky: Option<[f32; 3]>,
     /// Radiance at the horizon; the sky is a gradient up to --sky at the zenith
-    #[arg(long, value_name = "R,G,B", value_parser = parse_color, help_heading = "Scene", requires = "sky")]
+    #[arg(long, value_name = "R,G,B", value_parser = parse_color, help_heading = "Scene")]
     pub sky_horizon: Option<[f32; 3]>,
     /// Radiance from below the horizon [default: as the horizon]
     #[arg(long, value_name = "R,G,B", value_parser = parse_color, help_heading = "Scene")]
@@ -153,6 +154,18 @@ pub struct Options {
     /// Angular diameter of every sun in degrees (the real one: 0.53) [default: what the document says, else 0]
     #[arg(long, value_name = "DEGREES", help_heading = "Scene")]
     pub sun_angle: Option<f32>,
+    /// Radius of every point and spot light in metres [default: what the document says, else 0]
+    #[arg(long, value_name = "M", help_heading = "Scene")]
+    pub light_radius: Option<f32>,
+    /// Equirectangular picture of what is far away, added to the sky: Radiance HDR or OpenEXR, middle column at +x, in cd/m²
+    #[arg(long, value_name = "FILE", help_heading = "Scene")]
+    pub environment: Option<PathBuf>,
+    /// Factor of the environment's radiance [default: 1]
+    #[arg(long, value_name = "X", help_heading = "Scene")]
+    pub environment_intensity: Option<f32>,
+    /// Rotation of the environment around +y, counter-clockwise from above [default: 0]
+    #[arg(long, value_name = "DEGREES", help_heading = "Scene", allow_negative_numbers = true)]
+    pub environment_rotation: Option<f32>,
 
     /// Worker threads; the result never depends on it [default: all CPUs]
     #[arg(long, value_name = "N", help_heading = "Run")]
@@ -201,6 +214,14 @@ pub struct Settings {
     pub sky: [[f32; 3]; 3],
     /// Angular diameter of the suns [degrees].
     pub sun_angle: Option<f32>,
+    /// Radius of point and spot lights [m].
+    pub light_radius: Option<f32>,
+    /// Environment map.
+    pub environment: Option<PathBuf>,
+    /// Factor of its radiance.
+    pub environment_intensity: f32,
+    /// Its rotation [degrees].
+    pub environment_rotation: f32,
 }
 
 /// An option that cannot be used, and why.
@@ -263,6 +284,10 @@ impl Options {
             sky_horizon,
             sky_ground,
             sun_angle,
+            light_radius,
+            environment,
+            environment_intensity,
+            environment_rotation,
             threads
         )
     }
@@ -295,6 +320,20 @@ impl Options {
             scene: self.scene,
             sky: [zenith, horizon, self.sky_ground.unwrap_or(horizon)],
             sun_angle: self.sun_angle.map(|a| within("--sun-angle", a, 0.0, 90.0)).transpose()?,
+            light_radius: self.light_radius.map(|r| within("--light-radius", r, 0.0, 1e6)).transpose()?,
+            environment: self.environment.clone(),
+            environment_intensity: within(
+                "--environment-intensity",
+                self.environment_intensity.unwrap_or(1.0),
+                0.0,
+                1e9,
+            )?,
+            environment_rotation: within(
+                "--environment-rotation",
+                self.environment_rotation.unwrap_or(0.0),
+                -1e4,
+                1e4,
+            )?,
         };
         if settings.beta <= settings.alpha {
             return Err(Invalid(format!("--beta {} must be above --alpha {}", settings.beta, settings.alpha)));

@@ -164,8 +164,8 @@ fn walk(request: &Request, solution: &Solution, lines: u64) -> report::Walk {
     }
 }
 
-/// Root mean square of the error over the mean, all channels and covered texels alike: noise of walk, gather and shot
-/// direct light, and bias of sharing.
+/// Root mean square of the error over the mean, all channels and covered texels alike: noise of direct light, walk and
+/// gather, and bias of sharing.
 fn estimated_nrmse(patches: &Patches, solution: &Solution) -> Option<f64> {
     let total = parallel::sum(patches.front, |i| f64::from(solution.irradiance(i).element_sum()));
     let n = 3.0 * patches.front as f64;

@@ -5,6 +5,7 @@
 //! multiply-add.
 
 pub mod color;
+pub mod distribution;
 pub mod frame;
 pub mod low_discrepancy;
 pub mod parallel;

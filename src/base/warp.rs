@@ -49,6 +49,21 @@ pub fn square_to_cone(u: Vec2, cos_max: f32) -> Vec3 {
     Vec3::new(r * cos, r * sin, z)
 }
 
+/// Density of [`square_to_cone`] per steradian, within the cone.
+#[must_use]
+pub fn square_to_cone_pdf(cos_max: f32) -> f32 {
+    1.0 / (2.0 * PI * (1.0 - cos_max))
+}
+
+/// [`square_to_cone`] by `versine` = 1 − `cos_max`, which keeps its digits in cones as narrow as a distant lamp.
+#[must_use]
+pub fn square_to_narrow_cone(u: Vec2, versine: f32) -> Vec3 {
+    let depth = u.x * versine;
+    let r = (depth * (2.0 - depth)).max(0.0).sqrt();
+    let (sin, cos) = libm::sincosf(2.0 * PI * u.y);
+    Vec3::new(r * cos, r * sin, 1.0 - depth)
+}
+
 /// Barycentric weights of vertices 1 and 2 of a uniform point of a triangle.
 #[must_use]
 pub fn square_to_triangle(u: Vec2) -> Vec2 {

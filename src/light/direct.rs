@@ -1,50 +1,71 @@
-//! Direct irradiance by shadow rays from every patch.
+//! Direct irradiance by shadow rays from every patch, as two halves that share no random number.
 //!
-//! Lights without size are evaluated at the centroids of 2 × 2 cells of the texel, which is exact for linear
-//! functions; where the cells do not agree on which lights they see, at 8 × 8. Surfaces, sky and lights with a size get
-//! `samples` low-discrepancy shadow rays each in two independent halves, and four times as many where the halves differ.
-//! cos θ is taken with the shading normal; what is below the surface itself is dark.
+//! Lights without size are exact ([`hard`](super::hard)), in both halves alike, but for edges of shadows. Everything else is
+//! sampled, in three kinds that get rays of their own: each sun with a size and each light whose shadow has an edge here;
+//! one of all lights and surfaces at a finite distance; one direction to sky and environment. The first round gives every
+//! texel a share of its samples; [`allot`](super::allot) says which get more, and how many, in the rounds that follow. A
+//! half's points are one low-discrepancy sequence that later rounds go on with.
 //!
-//! Invariants: same bits at any thread count; hidden patches get nothing.
+//! Invariants: same bits at any thread count; hidden patches get nothing; both halves get the same number of samples.
 
-use super::emitters::Emitters;
-use super::{Settings, punctual};
+use super::allot::{self, Allotment};
+use super::hard::{self, Hard};
+use super::look::{Look, Place};
+use super::neighbors::Neighbors;
+use super::{Emitters, Settings};
 use crate::base::low_discrepancy::Sequence;
-use crate::base::random::{Stage, mix};
-use crate::base::{Frame, Progress, Rgb, parallel, warp};
-use crate::patches::{Patches, SurfacePoint};
-use crate::scene::{Light, Scene};
-use crate::trace::{Ray, Tracer};
-use core::f32::consts::PI;
-use glam::{Vec2, Vec3};
+use crate::base::random::{Stage, Stream, mix};
+use crate::base::{Progress, Rgb, parallel};
+use crate::patches::Patches;
+use crate::trace::Tracer;
+use glam::Vec2;
 
-/// Cells per side of a texel that shadow edges of lights without size do not cut, and of one that they cut.
-const CELLS: u32 = 2;
-const FINE_CELLS: u32 = 8;
-/// Relative difference of the two halves from which a texel gets more rays: 3 % is below what a picture shows.
-const DISAGREEMENT: f32 = 0.03;
-/// Rays of the second round, as a multiple of the first.
-const REFINEMENT: u32 = 3;
-/// Least share of a texel that is cut into cells [texel²].
-const LEAST_CELLS: f32 = 1e-9;
+/// Fractional part of the golden ratio: its multiples spread the choice of emitter against the other dimensions.
+const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
-/// One place on a patch.
-#[derive(Clone, Copy)]
-struct Place {
-    point: SurfacePoint,
-    position: Vec3,
-    normal: Vec3,
-    geometric: Vec3,
+/// Direct light of all patches, fronts and backs.
+#[derive(Debug, Default)]
+pub struct Direct {
+    /// Irradiance by two independent halves of the samples [lx]; the result is their mean.
+    pub halves: [Vec<Rgb>; 2],
+    /// Shadow rays that were shot.
+    pub rays: u64,
 }
 
-struct Context<'a> {
-    tracer: &'a Tracer<'a>,
-    patches: &'a Patches,
+/// What is sampled with rays of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    /// Each sun with a size, and each light without size whose shadow has an edge here.
+    Each,
+    /// One of the lights and surfaces at a finite distance.
+    Finite,
+    /// Sky and environment.
+    Infinity,
+}
+
+/// Estimates of one kind for one patch.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Estimate {
+    /// Means of the halves [lx].
+    pub(super) halves: [Rgb; 2],
+    /// Samples of each half; 0 where there is nothing to sample.
+    pub(super) samples: u32,
+}
+
+struct Layer {
+    kind: Kind,
+    estimates: Vec<Estimate>,
+}
+
+struct Context<'a, L> {
+    look: L,
     emitters: &'a Emitters,
-    settings: &'a Settings,
+    patches: &'a Patches,
+    hard: Hard,
+    seed: u64,
 }
 
-/// Irradiance [lx] of every patch, fronts and backs.
+/// Direct light of every patch.
 #[must_use]
 pub fn direct(
     tracer: &Tracer<'_>,
@@ -52,146 +73,117 @@ pub fn direct(
     emitters: &Emitters,
     settings: &Settings,
     progress: &Progress,
-) -> Vec<Rgb> {
-    let context = Context { tracer, patches, emitters, settings };
-    parallel::map_watched(patches.len(), progress, |i| context.patch(i, &mut vec![]))
+) -> Direct {
+    let look = || Look::new(tracer, patches, emitters);
+    let neighbors = Neighbors::new(patches);
+    let hard = hard::hard(&look, &neighbors, progress);
+    let mut rays = hard.rays;
+    let context = Context { look, emitters, patches, hard, seed: settings.seed };
+    let mut layers = vec![];
+    for kind in [Kind::Each, Kind::Finite, Kind::Infinity] {
+        let first = allot::first_samples(settings.samples, kind == Kind::Each);
+        let list: Vec<Allotment> =
+            (0..patches.len()).filter(|&i| context.has(kind, i)).map(|i| (i as u32, first)).collect();
+        if !list.is_empty() {
+            let mut layer = Layer { kind, estimates: vec![Estimate::default(); patches.len()] };
+            rays += context.extend(&mut layer, &list, progress);
+            layers.push(layer);
+        }
+    }
+    for _ in 0..allot::ROUNDS {
+        let estimates: Vec<&[Estimate]> = layers.iter().map(|l| l.estimates.as_slice()).collect();
+        let wanted = allot::wanted(&context.hard.irradiance, &estimates, &neighbors, settings.samples);
+        if wanted.iter().all(Vec::is_empty) || progress.cancelled() {
+            break;
+        }
+        for (layer, list) in layers.iter_mut().zip(&wanted) {
+            rays += context.extend(layer, list, progress);
+        }
+    }
+    let mut halves = [context.hard.irradiance.clone(), context.hard.irradiance];
+    for (h, values) in halves.iter_mut().enumerate() {
+        for layer in &layers {
+            values.iter_mut().zip(&layer.estimates).for_each(|(v, e)| *v += e.halves[h]);
+        }
+    }
+    Direct { halves, rays }
 }
 
-impl Context<'_> {
-    fn scene(&self) -> &Scene {
-        self.tracer.scene()
-    }
-
-    fn patch(&self, patch: usize, running: &mut Vec<f32>) -> Rgb {
-        if self.patches.exposed[patch] <= 0.0 {
-            return Rgb::ZERO;
-        }
-        let mut sum = self.hard_lights(patch);
-        if self.scene().lights.iter().any(punctual::is_soft) {
-            sum += self.sampled(patch, 0, |place, _, u| self.soft_lights(place, u));
-        }
-        if !self.emitters.is_empty() {
-            let edge = self.patches.texel_edge(patch);
-            self.emitters.running_estimate(self.patches.position[patch], self.patches.normal[patch], edge, running);
-            if !running.is_empty() {
-                let running = &*running;
-                sum += self.sampled(patch, 1, |place, pick, u| self.emitter(place, running, pick, u));
+impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
+    fn has(&self, kind: Kind, patch: usize) -> bool {
+        self.patches.exposed[patch] > 0.0
+            && match kind {
+                Kind::Each => !self.emitters.suns.is_empty() || self.hard.edges[patch] != 0,
+                Kind::Finite => self.emitters.has_finite(),
+                Kind::Infinity => !self.emitters.infinity.is_black(),
             }
-        }
-        if !self.scene().sky.is_black() {
-            sum += self.sampled(patch, 2, |place, _, u| self.sky(place, u));
-        }
-        sum
     }
 
-    fn place(&self, patch: usize, point: SurfacePoint) -> Place {
-        let scene = self.scene();
-        let sign = if self.patches.is_back(patch) { -1.0 } else { 1.0 };
-        Place {
-            point,
-            position: scene.position(point.triangle, point.b),
-            normal: scene.shading_normal(point.triangle, point.b) * sign,
-            geometric: scene.geometric_normal(point.triangle) * sign,
-        }
-    }
-
-    fn hard_lights(&self, patch: usize) -> Rgb {
-        if self.scene().lights.iter().all(punctual::is_soft) {
-            return Rgb::ZERO;
-        }
-        let (coarse, agreed) = self.cells(patch, CELLS);
-        if agreed { coarse } else { self.cells(patch, FINE_CELLS).0 }
-    }
-
-    /// Mean over the cells, and whether all of them see the same lights.
-    fn cells(&self, patch: usize, n: u32) -> (Rgb, bool) {
-        let (mut sum, mut weight, mut first, mut agreed) = (Rgb::ZERO, 0.0f32, None, true);
-        self.patches.cells(patch, n, |point, area| {
-            let place = self.place(patch, point);
-            let mut seen_lights = 0u64;
-            for (k, light) in self.scene().lights.iter().enumerate().filter(|(_, l)| !punctual::is_soft(l)) {
-                let light = self.light(&place, light, Vec2::ZERO);
-                if light.max_element() > 0.0 {
-                    sum += light * area;
-                    seen_lights ^= mix(k as u64 + 1);
-                }
-            }
-            weight += area;
-            agreed &= *first.get_or_insert(seen_lights) == seen_lights;
+    /// Gives patches of a list as many samples per half as it says; the number of rays.
+    fn extend(&self, layer: &mut Layer, list: &[Allotment], progress: &Progress) -> u64 {
+        let old = &layer.estimates;
+        let more = parallel::map_watched(list.len(), progress, |k| {
+            let (patch, samples) = (list[k].0 as usize, list[k].1);
+            let mut look = (self.look)();
+            let before = old[patch];
+            let sums = self.sums(&mut look, layer.kind, patch, before.samples..samples);
+            let halves = [0, 1].map(|h| (before.halves[h] * before.samples as f32 + sums[h]) / samples as f32);
+            (Estimate { halves, samples }, look.rays)
         });
-        (sum / weight.max(LEAST_CELLS), agreed)
+        let mut rays = 0;
+        for (&(patch, _), (estimate, own)) in list.iter().zip(more) {
+            layer.estimates[patch as usize] = estimate;
+            rays += own;
+        }
+        rays
     }
 
-    fn soft_lights(&self, place: &Place, u: Vec2) -> Rgb {
-        let soft = self.scene().lights.iter().filter(|l| punctual::is_soft(l));
-        soft.map(|l| self.light(place, l, u)).fold(Rgb::ZERO, |a, b| a + b)
-    }
-
-    fn light(&self, place: &Place, light: &Light, u: Vec2) -> Rgb {
-        let Some(seen) = punctual::seen_from(light, place.position, u) else { return Rgb::ZERO };
-        let cosine = place.normal.dot(seen.toward.normalize_or_zero());
-        if cosine <= 0.0 || place.geometric.dot(seen.toward) <= 0.0 {
-            return Rgb::ZERO;
-        }
-        let origin = self.tracer.origin_on(place.point.triangle, place.point.b, seen.toward);
-        let ray = if seen.far {
-            Ray { origin, direction: seen.toward, t_max: f32::INFINITY }
-        } else {
-            Ray { origin, direction: place.position + seen.toward - origin, t_max: 1.0 }
-        };
-        if self.tracer.occluded(&ray) { Rgb::ZERO } else { seen.illuminance * cosine }
-    }
-
-    fn emitter(&self, place: &Place, running: &[f32], pick: f32, u: Vec2) -> Rgb {
-        let Some(s) = self.emitters.sample(self.scene(), place.position, running, pick, u) else { return Rgb::ZERO };
-        let cosine = place.normal.dot(s.direction);
-        if cosine <= 0.0 || place.geometric.dot(s.direction) <= 0.0 || s.weighted.max_element() <= 0.0 {
-            return Rgb::ZERO;
-        }
-        let origin = self.tracer.origin_on(place.point.triangle, place.point.b, s.direction);
-        let target = self.tracer.origin_on(s.triangle, s.b, -s.direction);
-        if self.tracer.occluded(&Ray { origin, direction: target - origin, t_max: 1.0 }) {
-            return Rgb::ZERO;
-        }
-        s.weighted * cosine
-    }
-
-    fn sky(&self, place: &Place, u: Vec2) -> Rgb {
-        let direction = Frame::from_normal(place.normal).to_world(warp::square_to_cosine_hemisphere(u));
-        let radiance = self.scene().sky.radiance(direction);
-        if place.geometric.dot(direction) <= 0.0 || radiance.max_element() <= 0.0 {
-            return Rgb::ZERO;
-        }
-        let origin = self.tracer.origin_on(place.point.triangle, place.point.b, direction);
-        if self.tracer.occluded(&Ray { origin, direction, t_max: f32::INFINITY }) {
-            return Rgb::ZERO;
-        }
-        radiance * PI
-    }
-
-    /// Mean of `f` over low-discrepancy samples; more of them where two halves differ.
-    fn sampled(&self, patch: usize, kind: u64, f: impl Fn(&Place, f32, Vec2) -> Rgb) -> Rgb {
-        let half = self.settings.samples.div_ceil(2).max(1);
-        let round = |index: u64, n: u32| {
-            let key = (Stage::Light as u64) << 48 | kind << 40 | index << 36;
-            let sequence = Sequence::new(mix(self.settings.seed ^ mix(key).wrapping_add(patch as u64)));
-            let offset = sequence.point(u32::MAX)[0];
-            let mut sum = Rgb::ZERO;
-            for k in 0..n {
-                let [u, v, x, y] = sequence.point(k);
-                let place = self.place(patch, self.patches.sample(patch, Vec2::new(x, y)));
-                // The golden ratio spreads the choice of emitter against the other dimensions.
-                let pick = (offset + k as f32 * 0.618_034).fract();
-                sum += f(&place, pick, Vec2::new(u, v));
+    fn sums(&self, look: &mut Look<'a>, kind: Kind, patch: usize, range: core::ops::Range<u32>) -> [Rgb; 2] {
+        match kind {
+            Kind::Each => {
+                let edges = self.hard.edges[patch];
+                let hard = self.emitters.hard.iter().enumerate().filter(|(k, _)| edges >> k & 1 == 1).map(|(_, l)| l);
+                let lights: Vec<_> = hard.chain(&self.emitters.suns).collect();
+                self.sampled(look, kind, patch, range, |look, place, _, u| {
+                    lights.iter().map(|l| look.light(place, l, u)).fold(Rgb::ZERO, |a, b| a + b)
+                })
             }
-            sum / n as f32
-        };
-        let (a, b) = (round(0, half), round(1, half));
-        let mean = (a + b) * 0.5;
-        if (a - b).abs().max_element() <= DISAGREEMENT * mean.max_element() {
-            return mean;
+            Kind::Finite => {
+                let site = look.site(patch);
+                let mut cut = self.emitters.cut(&site);
+                if cut.is_empty() {
+                    return [Rgb::ZERO; 2];
+                }
+                self.sampled(look, kind, patch, range, |look, place, pick, u| look.finite(place, &mut cut, pick, u))
+            }
+            Kind::Infinity => {
+                self.sampled(look, kind, patch, range, |look, place, pick, u| look.infinity(place, pick, u))
+            }
         }
-        let more = round(2, half * 2 * REFINEMENT);
-        (mean + more * REFINEMENT as f32) / (1 + REFINEMENT) as f32
+    }
+
+    /// Sums of `f` over a range of the points of both halves.
+    fn sampled(
+        &self,
+        look: &mut Look<'a>,
+        kind: Kind,
+        patch: usize,
+        range: core::ops::Range<u32>,
+        mut f: impl FnMut(&mut Look<'a>, &Place, f64, Vec2) -> Rgb,
+    ) -> [Rgb; 2] {
+        [0, 1].map(|half| {
+            let key = (Stage::Light as u64) << 48 | (kind as u64) << 40 | half << 36;
+            let key = mix(self.seed ^ mix(key).wrapping_add(patch as u64));
+            let sequence = Sequence::new(key);
+            let offset = Stream::new(key, Stage::Light, half, 0).next_f64();
+            let mut sum = Rgb::ZERO;
+            for k in range.clone() {
+                let [u, v, x, y] = sequence.point(k);
+                let place = look.place(patch, self.patches.sample(patch, Vec2::new(x, y)));
+                let pick = (offset + f64::from(k) * GOLDEN).fract();
+                sum += f(look, &place, pick, Vec2::new(u, v));
+            }
+            sum
+        })
     }
 }

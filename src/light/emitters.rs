@@ -1,231 +1,173 @@
-//! Emissive triangles, and the choice among them for one patch.
+//! Everything that shines in a scene, sorted by how it is best looked at.
 //!
-//! A triangle is chosen in proportion to an estimate of the light that it sends to the patch if nothing is in between;
-//! a direction to it is drawn uniformly from its solid angle (Arvo 1995), so near triangles have no peak of variance.
-//!
-//! Limits: the estimate runs over all emissive triangles for every patch, so its cost grows with their number.
+//! * Suns without size, and point and spot lights without size if they are few: one look each, exact but for shadow edges.
+//! * Suns with a size: a sample each.
+//! * Emissive surfaces, lights with a size, and many lights: one hierarchy ([`tree`](super::tree)), a choice per sample.
+//! * Sky and environment map: [`infinity`](super::infinity).
 
+use super::infinity::Infinity;
+use super::piece::{self, Piece};
+use super::punctual;
+use super::site::Site;
+use super::tree::{Bounds, Cut, Tree};
 use crate::base::color::luminance;
-use crate::base::{Rgb, warp};
-use crate::scene::Scene;
-use core::f32::consts::PI;
+use crate::base::{Rgb, parallel};
+use crate::scene::{Light, Scene};
 use glam::{Vec2, Vec3};
 
-/// Points per side of the grid at which a textured emitter is averaged.
-const TEXTURE_GRID: u32 = 8;
-/// Share of the estimate that does not depend on angles, so that no triangle in front is left out.
-const FLOOR: f32 = 0.05;
-/// Squared distance over area below which a triangle counts as near.
-const NEAR: f32 = 16.0;
-/// Solid angle below which a triangle is sampled by area: single precision loses its spherical form there [sr].
-const SMALL: f32 = 1e-4;
+/// Point and spot lights without size up to which each is looked at.
+const FEW: usize = 16;
+/// Most lights that are looked at one by one; a bit each.
+pub(super) const MOST_HARD: usize = 64;
 
-/// All emissive triangles of a scene.
+/// The light sources of a scene.
 #[derive(Debug, Default)]
 pub struct Emitters {
-    triangles: Vec<Emitter>,
+    pieces: Vec<Piece>,
+    /// Number of emissive triangles.
+    triangles: usize,
+    /// Point and spot lights in the tree; their leaves follow those of the pieces.
+    bulbs: Vec<Light>,
+    tree: Tree,
+    /// Lights that are looked at one by one.
+    pub(super) hard: Vec<Light>,
+    /// Suns that are sampled.
+    pub(super) suns: Vec<Light>,
+    pub(super) infinity: Infinity,
 }
 
+/// A leaf of the tree.
 #[derive(Debug, Clone, Copy)]
-struct Emitter {
-    triangle: u32,
-    corners: [Vec3; 3],
-    centroid: Vec3,
-    normal: Vec3,
-    area: f32,
-    radiance: Rgb,
-    two_sided: bool,
-}
-
-/// A direction toward an emitter and what comes from there if nothing is in between.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Sampled {
-    pub(super) direction: Vec3,
-    pub(super) triangle: u32,
-    pub(super) b: Vec2,
-    /// Radiance over probability density [cd/m² · sr].
-    pub(super) weighted: Rgb,
+pub(super) enum Leaf<'a> {
+    Piece(&'a Piece),
+    Bulb(&'a Light),
 }
 
 impl Emitters {
-    /// Finds the emissive triangles.
+    /// Collects what shines.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
         let glows = |t: &u32| {
             let m = scene.material(*t);
             !m.unlit && m.emission.max_element() > 0.0
         };
-        let emitter = |triangle: u32| {
-            let corners = scene.corners(triangle);
-            Emitter {
-                triangle,
-                corners,
-                centroid: (corners[0] + corners[1] + corners[2]) / 3.0,
-                normal: scene.geometric_normal(triangle),
-                area: scene.area(triangle) as f32,
-                radiance: mean_emission(scene, triangle),
-                two_sided: scene.material(triangle).double_sided,
-            }
+        let emissive: Vec<u32> = (0..scene.triangles.len() as u32).filter(glows).collect();
+        let cut = |range: core::ops::Range<usize>| {
+            let mut pieces = vec![];
+            emissive[range].iter().for_each(|&t| piece::cut(scene, t, &mut pieces));
+            pieces
         };
-        let all = (0..scene.triangles.len() as u32).filter(glows).map(emitter);
-        Self { triangles: all.filter(|e| e.area > 0.0 && e.radiance.max_element() > 0.0).collect() }
+        let pieces: Vec<Piece> = parallel::map_chunks(emissive.len(), 64, cut).into_iter().flatten().collect();
+        let mut triangles: Vec<u32> = pieces.iter().map(|p| p.triangle).collect();
+        triangles.dedup();
+
+        let lit = |l: &&Light| punctual::power(l).max_element() > 0.0;
+        let is_sun = |l: &&Light| matches!(l, Light::Sun { .. });
+        let (suns, finite): (Vec<&Light>, Vec<&Light>) = scene.lights.iter().filter(lit).partition(is_sun);
+        let (soft_suns, hard_suns): (Vec<&Light>, Vec<&Light>) = suns.into_iter().partition(|l| punctual::is_soft(l));
+        let few = finite.iter().filter(|l| !punctual::is_soft(l)).count() <= FEW;
+        let (hard, bulbs): (Vec<&Light>, Vec<&Light>) = finite.into_iter().partition(|l| few && !punctual::is_soft(l));
+        let mut hard: Vec<Light> = hard.into_iter().chain(hard_suns).cloned().collect();
+        let beyond = hard.split_off(hard.len().min(MOST_HARD));
+        let bulbs: Vec<Light> = bulbs.into_iter().cloned().collect();
+        let bounds: Vec<Bounds> =
+            pieces.iter().map(piece_bounds).chain(bulbs.iter().filter_map(punctual::bounds)).collect();
+        Self {
+            triangles: triangles.len(),
+            tree: Tree::new(&bounds),
+            suns: soft_suns.into_iter().cloned().chain(beyond).collect(),
+            infinity: Infinity::new(scene),
+            pieces,
+            bulbs,
+            hard,
+        }
     }
 
     /// Nothing glows.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.triangles.is_empty()
+        self.pieces.is_empty()
     }
 
     /// Number of emissive triangles.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.triangles.len()
+        self.triangles
     }
 
     /// Flux of all emissive surfaces [lm].
     #[must_use]
     pub fn flux(&self) -> Rgb {
-        self.triangles.iter().map(|e| e.flux()).fold(Rgb::ZERO, |a, b| a + b)
+        self.pieces.iter().map(Piece::flux).fold(Rgb::ZERO, |a, b| a + b)
     }
 
-    /// Running sum of the estimates for a patch of this centre, normal and size [m]; empty when nothing reaches it.
-    pub(super) fn running_estimate(&self, position: Vec3, normal: Vec3, size: f32, running: &mut Vec<f32>) {
-        running.clear();
-        let mut sum = 0.0;
-        for e in &self.triangles {
-            sum += e.estimate(position, normal, size);
-            running.push(sum);
-        }
-        if sum <= 0.0 {
-            running.clear();
+    /// There is something to choose from.
+    pub(super) fn has_finite(&self) -> bool {
+        !self.tree.is_empty()
+    }
+
+    fn leaf(&self, k: u32) -> Leaf<'_> {
+        let k = k as usize;
+        self.pieces.get(k).map_or_else(|| Leaf::Bulb(&self.bulbs[k - self.pieces.len()]), Leaf::Piece)
+    }
+
+    fn estimate(&self, k: u32, site: &Site) -> f32 {
+        match self.leaf(k) {
+            Leaf::Piece(piece) => piece.estimate(site),
+            Leaf::Bulb(light) => punctual::estimate(light, site),
         }
     }
 
-    /// A direction from `position` for `pick` in [0, 1) and `u` in [0, 1)².
-    pub(super) fn sample(&self, scene: &Scene, position: Vec3, running: &[f32], pick: f32, u: Vec2) -> Option<Sampled> {
-        let total = *running.last()?;
-        let k = running.partition_point(|&s| s <= pick * total).min(running.len() - 1);
-        let probability = (running[k] - if k == 0 { 0.0 } else { running[k - 1] }) / total;
-        if probability <= 0.0 {
-            return None;
-        }
-        let e = &self.triangles[k];
-        let (direction, b, solid_angle) = e.direction(position, u)?;
-        let radiance =
-            if e.two_sided || e.normal.dot(direction) < 0.0 { scene.emission(e.triangle, b) } else { Rgb::ZERO };
-        Some(Sampled { direction, triangle: e.triangle, b, weighted: radiance * (solid_angle / probability) })
+    /// The nodes to choose from at a site.
+    pub(super) fn cut(&self, site: &Site) -> Cut {
+        self.tree.cut(site, |k, site| self.estimate(k, site))
     }
 
-    /// Point, normal and radiance for a line that leaves an emitter, uniform by flux in `pick`; and its share 1/density.
+    /// Weighs what is near for one point of the texel.
+    pub(super) fn weigh(&self, cut: &mut Cut, point: &Site) {
+        self.tree.weigh(cut, point, |k, site| self.estimate(k, site));
+    }
+
+    /// A leaf for `pick` in [0, 1), and its probability.
+    pub(super) fn pick(&self, cut: &Cut, point: &Site, pick: f64) -> Option<(Leaf<'_>, f32)> {
+        let (k, probability) = self.tree.pick(cut, point, |k, site| self.estimate(k, site), pick)?;
+        Some((self.leaf(k), probability))
+    }
+
+    /// Point, normal and flux for a line that leaves a surface, by flux in `pick`; the flux is that over its density.
     pub(super) fn leave(&self, scene: &Scene, running: &[f64], pick: f64, u: Vec2) -> Option<(u32, Vec2, Vec3, Rgb)> {
         let total = *running.last()?;
         let target = pick * total;
         let k = running.partition_point(|&s| s <= target).min(running.len() - 1);
-        let e = &self.triangles[k];
-        let mut normal = e.normal;
-        if e.two_sided {
-            let low = if k == 0 { 0.0 } else { running[k - 1] };
-            if target - low > 0.5 * (running[k] - low) {
-                normal = -normal;
-            }
-        }
-        let b = warp::square_to_triangle(u);
-        let mean = f64::from(e.radiance.x + e.radiance.y + e.radiance.z);
-        let flux = scene.emission(e.triangle, b).as_dvec3() * (total / mean.max(f64::MIN_POSITIVE));
-        Some((e.triangle, b, normal, flux.as_vec3()))
+        let low = if k == 0 { 0.0 } else { running[k - 1] };
+        let (piece, own) = (&self.pieces[k], running[k] - low);
+        let back = piece.two_sided && target - low > 0.5 * own;
+        let (b, flux) = piece.leave(scene, u);
+        let flux = flux.as_dvec3() * (total / own.max(f64::MIN_POSITIVE));
+        Some((piece.triangle, b, if back { -piece.normal } else { piece.normal }, flux.as_vec3()))
     }
 
-    /// Running sum of the flux of the emitters [lm], sum of the channels.
+    /// Running sum of what the pieces are chosen by.
     pub(super) fn running_flux(&self) -> Vec<f64> {
         let mut sum = 0.0;
-        self.triangles
-            .iter()
-            .map(|e| {
-                let f = e.flux();
-                sum += f64::from(f.x + f.y + f.z);
-                sum
-            })
-            .collect()
+        let add = |p: &Piece| {
+            sum += p.weight();
+            sum
+        };
+        self.pieces.iter().map(add).collect()
     }
 }
 
-impl Emitter {
-    fn flux(&self) -> Rgb {
-        self.radiance * (PI * self.area * if self.two_sided { 2.0 } else { 1.0 })
+fn piece_bounds(piece: &Piece) -> Bounds {
+    let [a, b, c] = piece.corners;
+    Bounds {
+        low: a.min(b).min(c),
+        high: a.max(b).max(c),
+        axis: piece.normal,
+        cos_o: 1.0,
+        cos_e: 0.0,
+        two_sided: piece.two_sided,
+        power: luminance(piece.radiance) * piece.area,
+        range: f32::INFINITY,
     }
-
-    fn estimate(&self, position: Vec3, normal: Vec3, size: f32) -> f32 {
-        let above = self.corners.iter().any(|c| (*c - position).dot(normal) > -size);
-        let toward = self.centroid - position;
-        let facing = -toward.dot(self.normal);
-        if !above || (!self.two_sided && facing < -size) {
-            return 0.0;
-        }
-        let power = luminance(self.radiance);
-        let distance_squared = toward.length_squared();
-        if distance_squared < NEAR * self.area {
-            return power * self.near_estimate(position, normal);
-        }
-        let distance = distance_squared.sqrt();
-        let cosine = (facing.abs() / distance).max(FLOOR);
-        let elevation = (toward.dot(normal) / distance).max(FLOOR);
-        power * self.area * cosine * elevation / distance_squared
-    }
-
-    /// Solid angle times mean elevation: from close by, the centroid says little about a triangle.
-    fn near_estimate(&self, position: Vec3, normal: Vec3) -> f32 {
-        let relative = self.corners.map(|c| c - position);
-        let all = [relative[0], relative[1], relative[2], self.centroid - position];
-        let elevation = all.map(|v| v.normalize_or_zero().dot(normal).max(0.0));
-        let mean = 0.25 * (elevation[0] + elevation[1] + elevation[2] + elevation[3]);
-        let solid_angle = warp::SphericalTriangle::new(relative).map_or(0.0, |s| s.solid_angle);
-        // A triangle in the plane of the centre can still light the rest of the texel.
-        solid_angle.max(FLOOR * FLOOR) * mean.max(FLOOR)
-    }
-
-    /// Unit direction, barycentric weights of the point that it leads to, and 1/density [sr].
-    fn direction(&self, position: Vec3, u: Vec2) -> Option<(Vec3, Vec2, f32)> {
-        let relative = self.corners.map(|c| c - position);
-        let spherical = warp::SphericalTriangle::new(relative).filter(|s| s.solid_angle > SMALL);
-        if let Some(s) = spherical {
-            let direction = s.sample(u);
-            return Some((direction, barycentric(relative, self.normal, direction)?, s.solid_angle));
-        }
-        let b = warp::square_to_triangle(u);
-        let to = relative[0] * (1.0 - b.x - b.y) + relative[1] * b.x + relative[2] * b.y;
-        let distance_squared = to.length_squared();
-        let direction = to.try_normalize()?;
-        Some((direction, b, self.area * direction.dot(self.normal).abs() / distance_squared))
-    }
-}
-
-/// Where a direction from the origin meets the plane of a triangle, clamped to the triangle.
-fn barycentric(corners: [Vec3; 3], normal: Vec3, direction: Vec3) -> Option<Vec2> {
-    let [a, b, c] = corners.map(|v| v.as_dvec3());
-    let (n, d) = (normal.as_dvec3(), direction.as_dvec3());
-    let slope = d.dot(n);
-    if slope == 0.0 {
-        return None;
-    }
-    let p = d * (a.dot(n) / slope) - a;
-    let (e1, e2) = (b - a, c - a);
-    let inverse = 1.0 / e1.cross(e2).length_squared().max(f64::MIN_POSITIVE);
-    let b1 = (p.cross(e2).dot(e1.cross(e2)) * inverse).clamp(0.0, 1.0);
-    let b2 = (e1.cross(p).dot(e1.cross(e2)) * inverse).clamp(0.0, 1.0 - b1);
-    Some(Vec2::new(b1 as f32, b2 as f32))
-}
-
-fn mean_emission(scene: &Scene, triangle: u32) -> Rgb {
-    if scene.material(triangle).emission_texture.is_none() {
-        return scene.material(triangle).emission;
-    }
-    let n = TEXTURE_GRID;
-    let point = |k: u32| {
-        let u = Vec2::new((k % n) as f32 + 0.5, (k / n) as f32 + 0.5) / n as f32;
-        scene.emission(triangle, warp::square_to_triangle(u))
-    };
-    // A texture that glows only between these points must not be lost: a hundredth of the factor is the least.
-    let mean = (0..n * n).map(point).fold(Rgb::ZERO, |a, b| a + b) / (n * n) as f32;
-    mean.max(scene.material(triangle).emission * 1e-2)
 }

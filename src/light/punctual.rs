@@ -1,8 +1,15 @@
 //! Punctual lights as seen from a point: direction, illuminance on a facing plane, and the point to aim a shadow ray at.
 //!
+//! A light with a radius is a sphere of even radiance, sampled within the cone in which it is seen: above the horizon it
+//! gives exactly what the point at its centre gives, I cos θ/d². Its range counts from the centre.
+//!
 //! Source: the glTF extension `KHR_lights_punctual`, "Range Property" and "Inner and Outer Cone Angles" (the reference
 //! code, with its squared cone falloff).
 
+use super::piece::FLOOR;
+use super::site::Site;
+use super::tree::{self, Bounds};
+use crate::base::color::luminance;
 use crate::base::{Frame, Rgb, warp};
 use crate::scene::Light;
 use glam::{Vec2, Vec3};
@@ -26,21 +33,33 @@ pub(super) fn is_soft(light: &Light) -> bool {
     }
 }
 
+/// Intensity [cd] or illuminance [lx].
+pub(super) fn power(light: &Light) -> Rgb {
+    match *light {
+        Light::Sun { illuminance, .. } => illuminance,
+        Light::Point { intensity, .. } | Light::Spot { intensity, .. } => intensity,
+    }
+}
+
+/// Unit direction from within the disc of a sun, opposite to its light.
+pub(super) fn toward_sun(direction: Vec3, angle: f32, u: Vec2) -> Vec3 {
+    if angle <= 0.0 {
+        return -direction;
+    }
+    let sin = libm::sinf(angle / 4.0);
+    Frame::from_normal(-direction).to_world(warp::square_to_narrow_cone(u, 2.0 * sin * sin))
+}
+
 /// The light from `position`; `u` picks a point of a light with a size. `None` outside its range or cone.
 pub(super) fn seen_from(light: &Light, position: Vec3, u: Vec2) -> Option<Seen> {
     match *light {
         Light::Sun { direction, illuminance, angle } => {
-            let toward = if angle > 0.0 {
-                Frame::from_normal(-direction).to_world(warp::square_to_cone(u, libm::cosf(angle / 2.0)))
-            } else {
-                -direction
-            };
-            Some(Seen { toward, far: true, illuminance })
+            Some(Seen { toward: toward_sun(direction, angle, u), far: true, illuminance })
         }
-        Light::Point { position: at, intensity, range, radius } => point(at, radius, range, position, u)
+        Light::Point { position: at, intensity, range, radius } => sphere(at, radius, range, position, u)
             .map(|(toward, factor)| Seen { toward, far: false, illuminance: intensity * factor }),
         Light::Spot { position: at, direction, intensity, range, radius, cos_inner, cos_outer } => {
-            let (toward, factor) = point(at, radius, range, position, u)?;
+            let (toward, factor) = sphere(at, radius, range, position, u)?;
             let cos = direction.dot(-toward.normalize_or_zero());
             let cone = ((cos - cos_outer) / (cos_inner - cos_outer).max(0.001)).clamp(0.0, 1.0);
             (cone > 0.0).then_some(Seen { toward, far: false, illuminance: intensity * (factor * cone * cone) })
@@ -48,29 +67,85 @@ pub(super) fn seen_from(light: &Light, position: Vec3, u: Vec2) -> Option<Seen> 
     }
 }
 
-/// Vector to a point of the glowing sphere that faces the receiver, and window/d².
-fn point(at: Vec3, radius: f32, range: f32, position: Vec3, u: Vec2) -> Option<(Vec3, f32)> {
+/// The range window of the extension.
+pub(super) fn window(range: f32, distance_squared: f32) -> f32 {
+    if !range.is_finite() {
+        return 1.0;
+    }
+    let ratio = distance_squared / (range * range);
+    (1.0 - ratio * ratio).clamp(0.0, 1.0)
+}
+
+/// Vector to the surface of a glowing sphere, uniform in the cone in which it is seen, and solid angle over π radius² (1/d²
+/// for a point) times the window. A sphere of intensity I has the radiance I/(π radius²).
+fn sphere(at: Vec3, radius: f32, range: f32, position: Vec3, u: Vec2) -> Option<(Vec3, f32)> {
     let center = at - position;
     let distance_squared = center.length_squared();
-    if distance_squared <= 0.0 {
+    let window = window(range, distance_squared);
+    if distance_squared <= 0.0 || window <= 0.0 {
         return None;
     }
-    let window = if range.is_finite() {
-        let ratio = distance_squared / (range * range);
-        (1.0 - ratio * ratio).clamp(0.0, 1.0)
-    } else {
-        1.0
+    if radius <= 0.0 {
+        return Some((center, window / distance_squared));
+    }
+    let radius_squared = radius * radius;
+    if distance_squared <= radius_squared {
+        // From inside, light comes from everywhere; the sphere itself is nothing that blocks.
+        let direction = warp::square_to_sphere(u);
+        let along = center.dot(direction);
+        let to_surface = along + (along * along + radius_squared - distance_squared).max(0.0).sqrt();
+        return Some((direction * to_surface, 4.0 * window / radius_squared));
+    }
+    let sin_squared = radius_squared / distance_squared;
+    let versine = sin_squared / (1.0 + (1.0 - sin_squared).sqrt());
+    let local = warp::square_to_narrow_cone(u, versine);
+    let across = distance_squared * (local.x * local.x + local.y * local.y);
+    let to_surface = distance_squared.sqrt() * local.z - (radius_squared - across).max(0.0).sqrt();
+    let direction = Frame::from_normal(center / distance_squared.sqrt()).to_world(local);
+    Some((direction * to_surface, 2.0 * versine / radius_squared * window))
+}
+
+/// About the illuminance that a point or spot light gives to a site if nothing is in between [lx]; 0 only where it gives
+/// none.
+pub(super) fn estimate(light: &Light, site: &Site) -> f32 {
+    let (at, intensity, range, radius) = match *light {
+        Light::Sun { .. } => return 0.0,
+        Light::Point { position, intensity, range, radius } => (position, intensity, range, radius),
+        Light::Spot { position, intensity, range, radius, .. } => (position, intensity, range, radius),
     };
-    if window <= 0.0 {
-        return None;
+    let to = at - site.position;
+    let distance_squared = to.length_squared();
+    let (distance, reach) = (distance_squared.sqrt(), site.radius + radius);
+    let nearest = (distance - site.radius).max(0.0);
+    if (site.flat && to.dot(site.normal) < -reach) || window(range, nearest * nearest) <= 0.0 {
+        return 0.0;
     }
-    let mut toward = center;
-    if radius > 0.0 && distance_squared > radius * radius {
-        let disk = warp::square_to_disk(u) * radius;
-        let frame = Frame::from_normal(center.normalize());
-        toward += frame.s * disk.x + frame.t * disk.y;
+    let toward = to / distance.max(f32::MIN_POSITIVE);
+    let mut cone = 1.0;
+    if let Light::Spot { direction, cos_inner, cos_outer, .. } = *light {
+        let cos = direction.dot(-toward);
+        if distance > reach && tree::cos_of_difference(cos, (1.0 - (reach / distance).powi(2)).sqrt()) < cos_outer {
+            return 0.0;
+        }
+        let edge = ((cos - cos_outer) / (cos_inner - cos_outer).max(0.001)).clamp(0.0, 1.0);
+        cone = (edge * edge).max(FLOOR);
     }
-    Some((toward, window / distance_squared))
+    let factor = window(range, distance_squared).max(FLOOR) * cone * site.elevation(toward);
+    luminance(intensity) * factor / distance_squared.max(reach * reach)
+}
+
+/// Bounds of a point or spot light for the tree.
+pub(super) fn bounds(light: &Light) -> Option<Bounds> {
+    let (position, range, radius, axis, cos_o, cos_e) = match *light {
+        Light::Sun { .. } => return None,
+        Light::Point { position, range, radius, .. } => (position, range, radius, Vec3::Z, -1.0, 0.0),
+        // All of the cone at full strength, nothing outside.
+        Light::Spot { position, range, radius, direction, cos_outer, .. } => {
+            (position, range, radius, direction, cos_outer, 1.0)
+        }
+    };
+    let (low, high) = (position - radius, position + radius);
+    Some(Bounds { low, high, axis, cos_o, cos_e, two_sided: false, power: luminance(power(light)), range })
 }
 
 #[cfg(test)]

@@ -5,7 +5,8 @@
 //!
 //! Suns and sky shine on a disc that covers the scene's bounding sphere; what passes the scene by escapes.
 
-use super::Emitters;
+use super::infinity::Infinity;
+use super::{Emitters, punctual};
 use crate::base::random::Stage;
 use crate::base::{Frame, Rgb, Stream, warp};
 use crate::scene::Light;
@@ -39,7 +40,7 @@ impl<'a> Sources<'a> {
             Light::Point { intensity, .. } => intensity * (4.0 * PI),
             Light::Spot { intensity, cos_outer, .. } => intensity * (2.0 * PI * (1.0 - cos_outer)),
         };
-        let sky = (scene.sky.zenith + scene.sky.horizon) * (0.5 * 2.0 * PI) + scene.sky.ground * (2.0 * PI);
+        let sky = Infinity::total(scene);
         let parts =
             core::iter::once(emitters.flux()).chain(scene.lights.iter().map(light)).chain(core::iter::once(sky * disc));
         let (mut flux, mut running, mut sum) = (Rgb::ZERO, vec![], 0.0);
@@ -75,7 +76,7 @@ impl<'a> Sources<'a> {
         let (ray, flux) = match source {
             0 => self.surface(pick, square(), square()),
             s if s <= lights.len() => self.light(&lights[s - 1], square(), square()),
-            _ => self.sky(square(), square()),
+            _ => self.sky(pick as f32, square(), square()),
         };
         Line { ray, flux: flux * share }
     }
@@ -93,39 +94,40 @@ impl<'a> Sources<'a> {
     fn light(&self, light: &Light, u: Vec2, v: Vec2) -> (Ray, Rgb) {
         match *light {
             Light::Sun { direction, illuminance, angle } => {
-                let cone = warp::square_to_cone(v, libm::cosf(angle / 2.0));
-                let direction = Frame::from_normal(direction).to_world(cone);
+                let direction = -punctual::toward_sun(direction, angle, v);
                 (self.line_from_outside(direction, u), illuminance * (PI * self.radius * self.radius))
             }
-            Light::Point { position, intensity, .. } => {
+            Light::Point { position, intensity, radius, .. } => {
                 let direction = warp::square_to_sphere(u);
-                (from_light(position, direction), intensity * (4.0 * PI) * self.window(light, position, direction))
+                let ray = from_light(position, radius, direction, v);
+                (ray, intensity * (4.0 * PI) * self.window(light, position, &ray))
             }
-            Light::Spot { position, direction: axis, intensity, cos_inner, cos_outer, .. } => {
+            Light::Spot { position, direction: axis, intensity, radius, cos_inner, cos_outer, .. } => {
                 let local = warp::square_to_cone(u, cos_outer);
                 let direction = Frame::from_normal(axis).to_world(local);
                 let cone = ((local.z - cos_outer) / (cos_inner - cos_outer).max(0.001)).clamp(0.0, 1.0);
                 let flux = intensity * (2.0 * PI * (1.0 - cos_outer) * cone * cone);
-                (from_light(position, direction), flux * self.window(light, position, direction))
+                let ray = from_light(position, radius, direction, v);
+                (ray, flux * self.window(light, position, &ray))
             }
         }
     }
 
     /// The range window at the distance where the line lands.
-    fn window(&self, light: &Light, position: Vec3, direction: Vec3) -> f32 {
+    fn window(&self, light: &Light, position: Vec3, ray: &Ray) -> f32 {
         let (Light::Point { range, .. } | Light::Spot { range, .. }) = *light else { return 1.0 };
         if !range.is_finite() {
             return 1.0;
         }
-        let hit = self.tracer.closest_hit(&Ray { origin: position, direction, t_max: f32::INFINITY });
-        let ratio = hit.map_or(1.0, |h| (h.t / range) * (h.t / range));
-        (1.0 - ratio * ratio).clamp(0.0, 1.0)
+        let landed = |t: f32| (ray.origin + ray.direction * t).distance_squared(position);
+        self.tracer.closest_hit(ray).map_or(0.0, |hit| punctual::window(range, landed(hit.t)))
     }
 
-    fn sky(&self, u: Vec2, v: Vec2) -> (Ray, Rgb) {
-        let toward = warp::square_to_sphere(v);
-        let radiance = self.tracer.scene().sky.radiance(toward);
-        (self.line_from_outside(-toward, u), radiance * (4.0 * PI * PI * self.radius * self.radius))
+    fn sky(&self, pick: f32, u: Vec2, v: Vec2) -> (Ray, Rgb) {
+        let scene = self.tracer.scene();
+        let (toward, density) = self.emitters.infinity.anywhere(scene, pick, v);
+        let radiance = scene.light_from_infinity(toward);
+        (self.line_from_outside(-toward, u), radiance * (PI * self.radius * self.radius / density))
     }
 
     fn line_from_outside(&self, direction: Vec3, u: Vec2) -> Ray {
@@ -136,8 +138,16 @@ impl<'a> Sources<'a> {
     }
 }
 
-fn from_light(position: Vec3, direction: Vec3) -> Ray {
-    Ray { origin: position, direction, t_max: f32::INFINITY }
+/// A line from a glowing sphere: those of one direction cover its disc evenly, as its radiance is even.
+fn from_light(position: Vec3, radius: f32, direction: Vec3, u: Vec2) -> Ray {
+    let mut origin = position;
+    if radius > 0.0 {
+        let frame = Frame::from_normal(direction);
+        let disc = warp::square_to_disk(u);
+        let out = (1.0 - disc.length_squared()).max(0.0).sqrt();
+        origin += (frame.s * disc.x + frame.t * disc.y + direction * out) * radius;
+    }
+    Ray { origin, direction, t_max: f32::INFINITY }
 }
 
 fn nowhere() -> Ray {

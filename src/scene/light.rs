@@ -1,5 +1,6 @@
 //! Punctual lights (`KHR_lights_punctual`) in world space, and the sky.
 
+use super::Scene;
 use crate::base::Rgb;
 use glam::Vec3;
 
@@ -76,5 +77,13 @@ impl Sky {
     #[must_use]
     pub fn is_black(&self) -> bool {
         self.zenith.max_element() <= 0.0 && self.horizon.max_element() <= 0.0 && self.ground.max_element() <= 0.0
+    }
+}
+
+impl Scene {
+    /// Radiance [cd/m²] that arrives from infinity from a unit direction: sky and environment together.
+    #[must_use]
+    pub fn light_from_infinity(&self, toward: Vec3) -> Rgb {
+        self.sky.radiance(toward) + self.environment.as_ref().map_or(Rgb::ZERO, |map| map.radiance(toward))
     }
 }

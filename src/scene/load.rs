@@ -24,6 +24,8 @@ pub struct Settings {
     pub sky: Sky,
     /// Angular diameter of every sun [rad]; `None` = what the document says in `extras`, else 0.
     pub sun_angle: Option<f32>,
+    /// Radius of every point and spot light [m]; `None` = what the document says in `extras`, else 0.
+    pub light_radius: Option<f32>,
 }
 
 /// Reads a glTF or GLB file, and the buffers and images that it refers to.
@@ -62,7 +64,7 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         material.emission_texture = None;
     }
     let textures = images::decode(&mut document, &materials, &mut warnings)?;
-    let lights = punctual::read(&document.root, &walk, settings.sun_angle, &mut warnings)?;
+    let lights = punctual::read(&document.root, &walk, [settings.sun_angle, settings.light_radius], &mut warnings)?;
     let cameras = cameras::read(&document.root, &walk, &mut warnings);
     let scene = Scene {
         document,
@@ -74,6 +76,7 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         textures,
         lights,
         sky: settings.sky,
+        environment: None,
         cameras,
     };
     warnings.iter_mut().for_each(|w| w.message = error::one_line(&w.message));

@@ -18,6 +18,7 @@ mod accessor;
 mod cameras;
 mod container;
 mod document;
+mod environment;
 mod error;
 mod extensions;
 mod geometry;
@@ -36,6 +37,7 @@ mod uri;
 
 pub use accessor::AccessorData;
 pub use document::Document;
+pub use environment::Environment;
 pub use error::{Class, Error};
 pub use light::{Light, Sky};
 pub use load::{Settings, load, load_bytes};
@@ -66,6 +68,8 @@ pub struct Scene {
     pub lights: Vec<Light>,
     /// Light from infinity in every direction.
     pub sky: Sky,
+    /// Further light from infinity, by picture; no document holds one, so the loader leaves it empty.
+    pub environment: Option<Environment>,
     /// Cameras in world space.
     pub cameras: Vec<Camera>,
 }

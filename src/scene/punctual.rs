@@ -14,11 +14,12 @@ use crate::base::Warning;
 use core::f32::consts::FRAC_PI_2;
 use glam::DMat4;
 
-/// All lights of the visible nodes, in document order. `sun_angle` [rad] overrides that of every sun.
+/// All lights of the visible nodes, in document order. `sizes` overrides angle [rad] of every sun and radius [m] of every
+/// other light.
 pub(super) fn read(
     root: &Root,
     walk: &Walk,
-    sun_angle: Option<f32>,
+    sizes: [Option<f32>; 2],
     warnings: &mut Vec<Warning>,
 ) -> Result<Vec<Light>, Error> {
     let mut lights = Vec::new();
@@ -31,7 +32,7 @@ pub(super) fn read(
         })?;
         let mut odd =
             |what: String| warnings.push(Warning::new("bad-light", format!("light of node {name}: {what}")).at(&name));
-        if let Some(light) = convert(entry, walk.worlds[placed.node], sun_angle, &mut odd) {
+        if let Some(light) = convert(entry, walk.worlds[placed.node], sizes, &mut odd) {
             lights.push(light);
         }
         if placed.animated {
@@ -43,7 +44,7 @@ pub(super) fn read(
 }
 
 /// `None` = the light cannot be used, and `odd` heard why.
-fn convert(entry: &LightEntry, world: DMat4, sun_angle: Option<f32>, odd: &mut impl FnMut(String)) -> Option<Light> {
+fn convert(entry: &LightEntry, world: DMat4, sizes: [Option<f32>; 2], odd: &mut impl FnMut(String)) -> Option<Light> {
     let power = Rgb::from_array(entry.color) * entry.intensity;
     if !(power.is_finite() && power.min_element() >= 0.0) {
         odd("its colour or intensity is negative or not finite; it was left out".to_owned());
@@ -56,8 +57,8 @@ fn convert(entry: &LightEntry, world: DMat4, sun_angle: Option<f32>, odd: &mut i
         }
         value
     };
-    let radius = extra("radius", f32::MAX).unwrap_or(0.0);
-    let angle = sun_angle.or_else(|| extra("angle", core::f32::consts::PI)).unwrap_or(0.0);
+    let radius = sizes[1].or_else(|| extra("radius", f32::MAX)).unwrap_or(0.0);
+    let angle = sizes[0].or_else(|| extra("angle", core::f32::consts::PI)).unwrap_or(0.0);
     let range = match entry.range {
         Some(range) if range > 0.0 => range,
         Some(range) => {

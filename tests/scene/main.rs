@@ -30,6 +30,7 @@ const NONE: Settings = Settings {
     scene: None,
     sky: scene::Sky { zenith: Vec3::ZERO, horizon: Vec3::ZERO, ground: Vec3::ZERO },
     sun_angle: None,
+    light_radius: None,
 };
 
 fn load_with(b: &Builder, settings: &Settings) -> Warned<Scene> {

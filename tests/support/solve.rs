@@ -55,9 +55,14 @@ impl<'a> Stage<'a> {
         Self { emitters: Emitters::new(scene), tracer, atlas, patches, graph }
     }
 
-    /// Direct irradiance by shadow rays.
+    /// Direct irradiance by shadow rays, mean of the halves.
     pub fn direct(&self, samples: u32) -> Vec<Rgb> {
-        let settings = light::Settings { samples, seed: 1 };
+        let [a, b] = self.direct_halves(samples, 1).halves;
+        a.iter().zip(b).map(|(a, b)| (*a + b) * 0.5).collect()
+    }
+
+    pub fn direct_halves(&self, samples: u32, seed: u64) -> light::Direct {
+        let settings = light::Settings { samples, seed };
         light::direct(&self.tracer, &self.patches, &self.emitters, &settings, &Progress::default())
     }
 

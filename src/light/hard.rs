@@ -1,0 +1,78 @@
+//! Lights without size that are looked at one by one: exact, but for texels that an edge of their shadow cuts.
+//!
+//! Each light is evaluated at the centroids of 2 × 2 cells of the texel, which is exact for linear functions. A light is
+//! cut by an edge where the cells do not agree on it, and where a neighbouring texel's cells all say the opposite: then the
+//! edge runs between the centroids of the two, and takes up to a quarter of either. Edges are left to the samples.
+
+use super::look::Look;
+use super::neighbors::Neighbors;
+use crate::base::{Progress, Rgb, parallel};
+use glam::Vec2;
+
+/// Cells per side.
+const CELLS: u32 = 2;
+/// Least share of a texel that is cut into cells [texel²].
+const LEAST_CELLS: f32 = 1e-9;
+
+/// What the cells of one texel say.
+#[derive(Debug, Clone, Copy, Default)]
+struct Cells {
+    mean: Rgb,
+    /// Lights that some cell sees, a bit each.
+    any: u64,
+    /// Lights that all cells see.
+    all: u64,
+    rays: u64,
+}
+
+/// Light without edges of shadows, per patch.
+#[derive(Debug, Default)]
+pub(super) struct Hard {
+    /// Irradiance by the lights that have no edge here [lx].
+    pub(super) irradiance: Vec<Rgb>,
+    /// Lights whose shadow's edge cuts the patch, a bit each.
+    pub(super) edges: Vec<u64>,
+    pub(super) rays: u64,
+}
+
+pub(super) fn hard<'a>(look: &(impl Fn() -> Look<'a> + Sync), neighbors: &Neighbors<'_>, progress: &Progress) -> Hard {
+    let n = look().patches.len();
+    if look().emitters.hard.is_empty() {
+        return Hard { irradiance: vec![Rgb::ZERO; n], edges: vec![0; n], rays: 0 };
+    }
+    let first = parallel::map_watched(n, progress, |i| cells(&mut look(), i, u64::MAX));
+    let edges = parallel::map(n, |i| {
+        let own = &first[i];
+        let mut edges = own.any ^ own.all;
+        neighbors.of(i, |j| edges |= (own.all & !first[j].any) | (first[j].all & !own.any));
+        edges
+    });
+    let again = parallel::map(n, |i| if edges[i] == 0 { first[i] } else { cells(&mut look(), i, !edges[i]) });
+    let rays: u64 = (0..n).map(|i| first[i].rays + if edges[i] == 0 { 0 } else { again[i].rays }).sum();
+    Hard { irradiance: again.iter().map(|c| c.mean).collect(), edges, rays }
+}
+
+/// Mean over the cells, of the lights in `mask`.
+fn cells(look: &mut Look<'_>, patch: usize, mask: u64) -> Cells {
+    if look.patches.exposed[patch] <= 0.0 {
+        return Cells::default();
+    }
+    let (mut sum, mut weight, mut any, mut all) = (Rgb::ZERO, 0.0f32, 0, u64::MAX);
+    let (patches, emitters) = (look.patches, look.emitters);
+    patches.cells(patch, CELLS, |point, area| {
+        let place = look.place(patch, point);
+        let mut seen = 0u64;
+        for (k, light) in emitters.hard.iter().enumerate().filter(|(k, _)| mask >> k & 1 == 1) {
+            let light = look.light(&place, light, Vec2::ZERO);
+            if light.max_element() > 0.0 {
+                sum += light * area;
+                seen |= 1 << k;
+            }
+        }
+        weight += area;
+        any |= seen;
+        all &= seen;
+    });
+    let all = if weight > 0.0 { all } else { 0 };
+    Cells { mean: sum / weight.max(LEAST_CELLS), any, all, rays: look.rays }
+}

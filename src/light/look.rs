@@ -1,0 +1,129 @@
+//! One look at the light from a point of a texel: shadow rays, each worth what it brings over its probability.
+//!
+//! cos θ is taken with the shading normal; what is below the surface itself is dark.
+
+use super::Emitters;
+use super::emitters::Leaf;
+use super::piece::Sampled;
+use super::punctual;
+use super::site::Site;
+use super::tree::Cut;
+use crate::base::Rgb;
+use crate::patches::{Patches, SurfacePoint};
+use crate::scene::{Light, Scene};
+use crate::trace::{Ray, Tracer};
+use glam::{Vec2, Vec3};
+
+/// One place on a patch.
+#[derive(Clone, Copy)]
+pub(super) struct Place {
+    point: SurfacePoint,
+    position: Vec3,
+    normal: Vec3,
+    geometric: Vec3,
+}
+
+/// What is looked at, and a count of the shadow rays.
+pub(super) struct Look<'a> {
+    tracer: &'a Tracer<'a>,
+    pub(super) patches: &'a Patches,
+    pub(super) emitters: &'a Emitters,
+    pub(super) rays: u64,
+}
+
+impl<'a> Look<'a> {
+    pub(super) fn new(tracer: &'a Tracer<'a>, patches: &'a Patches, emitters: &'a Emitters) -> Self {
+        Self { tracer, patches, emitters, rays: 0 }
+    }
+
+    fn scene(&self) -> &'a Scene {
+        self.tracer.scene()
+    }
+
+    pub(super) fn place(&self, patch: usize, point: SurfacePoint) -> Place {
+        let scene = self.scene();
+        let sign = if self.patches.is_back(patch) { -1.0 } else { 1.0 };
+        Place {
+            point,
+            position: scene.position(point.triangle, point.b),
+            normal: scene.shading_normal(point.triangle, point.b) * sign,
+            geometric: scene.geometric_normal(point.triangle) * sign,
+        }
+    }
+
+    /// The texel as the choice among emitters sees it.
+    pub(super) fn site(&self, patch: usize) -> Site {
+        let mut points = Vec::with_capacity(8);
+        self.patches.cells(patch, 2, |point, _| {
+            let place = self.place(patch, point);
+            points.push((place.position, place.normal));
+        });
+        let (position, normal) = (self.patches.position[patch], self.patches.normal[patch]);
+        Site::new(position, normal, self.patches.texel_edge(patch), &points)
+    }
+
+    /// A direction is above the surface and its shading.
+    fn cosine(place: &Place, direction: Vec3) -> Option<f32> {
+        let cosine = place.normal.dot(direction);
+        (cosine > 0.0 && place.geometric.dot(direction) > 0.0).then_some(cosine)
+    }
+
+    /// Irradiance by a light [lx].
+    pub(super) fn light(&mut self, place: &Place, light: &Light, u: Vec2) -> Rgb {
+        let Some(seen) = punctual::seen_from(light, place.position, u) else { return Rgb::ZERO };
+        let Some(cosine) = Self::cosine(place, seen.toward.normalize_or_zero()) else { return Rgb::ZERO };
+        let origin = self.tracer.origin_on(place.point.triangle, place.point.b, seen.toward);
+        let ray = if seen.far {
+            Ray { origin, direction: seen.toward, t_max: f32::INFINITY }
+        } else {
+            Ray { origin, direction: place.position + seen.toward - origin, t_max: 1.0 }
+        };
+        self.rays += 1;
+        if self.tracer.occluded(&ray) { Rgb::ZERO } else { seen.illuminance * cosine }
+    }
+
+    /// Irradiance by everything in the tree, from one choice [lx].
+    pub(super) fn finite(&mut self, place: &Place, cut: &mut Cut, pick: f64, u: Vec2) -> Rgb {
+        let point = Site { position: place.position, normal: place.normal, radius: 0.0, flat: true };
+        self.emitters.weigh(cut, &point);
+        match self.emitters.pick(cut, &point, pick) {
+            Some((Leaf::Piece(piece), probability)) => {
+                let sampled = piece.sample(self.scene(), place.position, probability, u);
+                sampled.map_or(Rgb::ZERO, |s| self.surface(place, &s))
+            }
+            Some((Leaf::Bulb(light), probability)) => self.light(place, light, u) / probability,
+            None => Rgb::ZERO,
+        }
+    }
+
+    fn surface(&mut self, place: &Place, s: &Sampled) -> Rgb {
+        let Some(cosine) = Self::cosine(place, s.direction) else { return Rgb::ZERO };
+        if s.weighted.max_element() <= 0.0 {
+            return Rgb::ZERO;
+        }
+        let origin = self.tracer.origin_on(place.point.triangle, place.point.b, s.direction);
+        let target = self.tracer.origin_on(s.triangle, s.b, -s.direction);
+        self.rays += 1;
+        if self.tracer.occluded(&Ray { origin, direction: target - origin, t_max: 1.0 }) {
+            return Rgb::ZERO;
+        }
+        s.weighted * cosine
+    }
+
+    /// Irradiance by sky and environment, from one direction [lx].
+    pub(super) fn infinity(&mut self, place: &Place, pick: f64, u: Vec2) -> Rgb {
+        let scene = self.scene();
+        let (direction, density) = self.emitters.infinity.above(scene, place.normal, pick as f32, u);
+        let radiance = scene.light_from_infinity(direction);
+        let Some(cosine) = Self::cosine(place, direction) else { return Rgb::ZERO };
+        if density <= 0.0 || radiance.max_element() <= 0.0 {
+            return Rgb::ZERO;
+        }
+        let origin = self.tracer.origin_on(place.point.triangle, place.point.b, direction);
+        self.rays += 1;
+        if self.tracer.occluded(&Ray { origin, direction, t_max: f32::INFINITY }) {
+            return Rgb::ZERO;
+        }
+        radiance * (cosine / density)
+    }
+}

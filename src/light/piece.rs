@@ -1,0 +1,225 @@
+//! Pieces of emissive triangles: what a sample aims at.
+//!
+//! An emitter of one colour is one piece. One with a texture is cut into up to 4³ similar pieces, as far as the texture
+//! varies, so that bright parts of it get the samples: its distribution is piecewise constant over a barycentric grid.
+//! Dark pieces keep a share, [`LEAST`], in case the texture glows between the points where it was read.
+//!
+//! A direction to a piece is drawn uniformly from its solid angle (Arvo 1995), so near pieces have no peak of variance.
+
+use super::site::Site;
+use crate::base::color::luminance;
+use crate::base::{Rgb, warp};
+use crate::scene::Scene;
+use core::f32::consts::PI;
+use glam::{Vec2, Vec3};
+
+/// Cuts of a textured triangle: 4³ pieces at most. A level more costs memory and finds nothing on usual lamps.
+const LEVELS: u32 = 3;
+/// Points per side of the grid at which a piece's texture is read.
+const TEXTURE_GRID: u32 = 4;
+/// Brightest over darkest of four pieces up to which they stay one.
+const EVEN: f32 = 1.25;
+/// Least radiance of a piece for the choice, as a share of the material's factor.
+const LEAST: f32 = 1e-2;
+/// Share of the estimate that does not depend on angles, so that nothing in front is left out.
+pub(super) const FLOOR: f32 = 0.05;
+/// Squared distance over area below which a piece counts as near.
+const NEAR: f32 = 16.0;
+/// Solid angle below which a piece is sampled by area: single precision loses its spherical form there [sr].
+const SMALL: f32 = 1e-4;
+
+/// A part of an emissive triangle, or all of it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Piece {
+    pub(super) triangle: u32,
+    /// Its corners in barycentric weights of the triangle's vertices 1 and 2.
+    b: [Vec2; 3],
+    pub(super) corners: [Vec3; 3],
+    pub(super) centroid: Vec3,
+    pub(super) normal: Vec3,
+    pub(super) area: f32,
+    /// Mean emission [cd/m²].
+    mean: Rgb,
+    /// The same, or a little in the dark: what it is chosen by.
+    pub(super) radiance: Rgb,
+    pub(super) two_sided: bool,
+}
+
+/// A direction toward an emitter and what comes from there if nothing is in between.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sampled {
+    pub(super) direction: Vec3,
+    pub(super) triangle: u32,
+    pub(super) b: Vec2,
+    /// Radiance over probability density [cd/m² · sr].
+    pub(super) weighted: Rgb,
+}
+
+/// The pieces of one triangle, appended to `out`.
+pub(super) fn cut(scene: &Scene, triangle: u32, out: &mut Vec<Piece>) {
+    let whole = [Vec2::ZERO, Vec2::X, Vec2::Y];
+    if scene.material(triangle).emission_texture.is_none() {
+        out.extend(Piece::new(scene, triangle, whole, scene.material(triangle).emission));
+        return;
+    }
+    let first = out.len();
+    divide(scene, triangle, whole, LEVELS, out);
+    if out[first..].iter().all(|p| p.mean.max_element() <= 0.0) && !glows(scene, triangle) {
+        out.truncate(first);
+    }
+}
+
+/// The texture has a texel above black, wherever it is.
+fn glows(scene: &Scene, triangle: u32) -> bool {
+    let texture = scene.material(triangle).emission_texture.as_ref().map(|r| &scene.textures[r.texture]);
+    texture.is_some_and(|t| t.pixels.iter().any(|p| p[..3] != [0, 0, 0]))
+}
+
+/// Cuts a piece in four where that tells bright from dark; the mean emission of what became of it.
+fn divide(scene: &Scene, triangle: u32, b: [Vec2; 3], levels: u32, out: &mut Vec<Piece>) -> Rgb {
+    if levels == 0 {
+        let mean = mean_emission(scene, triangle, b);
+        out.extend(Piece::new(scene, triangle, b, mean));
+        return mean;
+    }
+    let first = out.len();
+    let middle = [(b[0] + b[1]) * 0.5, (b[1] + b[2]) * 0.5, (b[2] + b[0]) * 0.5];
+    let quarters = [
+        [b[0], middle[0], middle[2]],
+        [middle[0], b[1], middle[1]],
+        [middle[2], middle[1], b[2]],
+        [middle[1], middle[2], middle[0]],
+    ];
+    let means = quarters.map(|q| divide(scene, triangle, q, levels - 1, out));
+    let mean = (means[0] + means[1] + means[2] + means[3]) * 0.25;
+    let values = means.map(luminance);
+    let (low, high) = values.iter().fold((f32::MAX, 0.0f32), |(l, h), &v| (l.min(v), h.max(v)));
+    // Fewer than four pieces: some had no area.
+    if out.len() <= first + 4 && high <= EVEN * low.max(LEAST * luminance(scene.material(triangle).emission)) {
+        out.truncate(first);
+        out.extend(Piece::new(scene, triangle, b, mean));
+    }
+    mean
+}
+
+fn mean_emission(scene: &Scene, triangle: u32, b: [Vec2; 3]) -> Rgb {
+    let n = TEXTURE_GRID;
+    let point = |k: u32| {
+        let u = Vec2::new((k % n) as f32 + 0.5, (k / n) as f32 + 0.5) / n as f32;
+        scene.emission(triangle, inside(b, warp::square_to_triangle(u)))
+    };
+    (0..n * n).map(point).fold(Rgb::ZERO, |a, b| a + b) / (n * n) as f32
+}
+
+/// The triangle's weights at a point of a piece.
+fn inside(b: [Vec2; 3], at: Vec2) -> Vec2 {
+    b[0] * (1.0 - at.x - at.y) + b[1] * at.x + b[2] * at.y
+}
+
+impl Piece {
+    fn new(scene: &Scene, triangle: u32, b: [Vec2; 3], mean: Rgb) -> Option<Self> {
+        let corners = b.map(|b| scene.position(triangle, b));
+        let area = (corners[1] - corners[0]).as_dvec3().cross((corners[2] - corners[0]).as_dvec3()).length() * 0.5;
+        let material = scene.material(triangle);
+        let piece = Self {
+            triangle,
+            b,
+            corners,
+            centroid: (corners[0] + corners[1] + corners[2]) / 3.0,
+            normal: scene.geometric_normal(triangle),
+            area: area as f32,
+            mean,
+            radiance: mean.max(material.emission * LEAST),
+            two_sided: material.double_sided,
+        };
+        (piece.area > 0.0 && piece.radiance.is_finite()).then_some(piece)
+    }
+
+    /// Flux [lm].
+    pub(super) fn flux(&self) -> Rgb {
+        self.mean * self.flux_per_radiance()
+    }
+
+    /// What its choice is in proportion to where no receiver is known: the flux, a little in the dark [lm].
+    pub(super) fn weight(&self) -> f64 {
+        f64::from(self.radiance.element_sum()) * f64::from(self.flux_per_radiance())
+    }
+
+    fn flux_per_radiance(&self) -> f32 {
+        PI * self.area * if self.two_sided { 2.0 } else { 1.0 }
+    }
+
+    /// A uniform point in weights of its triangle, and the flux of all of it if it were everywhere as there.
+    pub(super) fn leave(&self, scene: &Scene, u: Vec2) -> (Vec2, Rgb) {
+        let b = inside(self.b, warp::square_to_triangle(u));
+        (b, scene.emission(self.triangle, b) * self.flux_per_radiance())
+    }
+
+    /// About the illuminance that it gives to a site if nothing is in between [lx]; 0 only where it gives none.
+    pub(super) fn estimate(&self, site: &Site) -> f32 {
+        let toward = self.centroid - site.position;
+        let facing = -toward.dot(self.normal);
+        if !site.can_see(&self.corners) || (!self.two_sided && facing < -site.radius) {
+            return 0.0;
+        }
+        let power = luminance(self.radiance);
+        let distance_squared = toward.length_squared();
+        if distance_squared < NEAR * self.area {
+            return power * self.near_estimate(site);
+        }
+        let distance = distance_squared.sqrt();
+        let cosine = (facing.abs() / distance).max(FLOOR);
+        power * self.area * cosine * site.elevation(toward / distance) / distance_squared
+    }
+
+    /// Solid angle times mean elevation: from close by, the centroid says little about a triangle.
+    fn near_estimate(&self, site: &Site) -> f32 {
+        let relative = self.corners.map(|c| c - site.position);
+        let all = [relative[0], relative[1], relative[2], self.centroid - site.position];
+        let elevation = all.map(|v| site.elevation(v.normalize_or_zero()));
+        let mean = 0.25 * (elevation[0] + elevation[1] + elevation[2] + elevation[3]);
+        let solid_angle = warp::SphericalTriangle::new(relative).map_or(0.0, |s| s.solid_angle);
+        // A triangle in the plane of the centre can still light the rest of the texel.
+        solid_angle.max(FLOOR * FLOOR) * mean
+    }
+
+    /// A direction from `position`; its density per steradian is 1/(solid angle) where that is not too small.
+    pub(super) fn sample(&self, scene: &Scene, position: Vec3, probability: f32, u: Vec2) -> Option<Sampled> {
+        let (direction, at, solid_angle) = self.direction(position, u)?;
+        let b = inside(self.b, at);
+        let lit = self.two_sided || self.normal.dot(direction) < 0.0;
+        let radiance = if lit { scene.emission(self.triangle, b) } else { Rgb::ZERO };
+        Some(Sampled { direction, triangle: self.triangle, b, weighted: radiance * (solid_angle / probability) })
+    }
+
+    /// Unit direction, weights of the point of the piece that it leads to, and 1/density [sr].
+    fn direction(&self, position: Vec3, u: Vec2) -> Option<(Vec3, Vec2, f32)> {
+        let relative = self.corners.map(|c| c - position);
+        let spherical = warp::SphericalTriangle::new(relative).filter(|s| s.solid_angle > SMALL);
+        if let Some(s) = spherical {
+            let direction = s.sample(u);
+            return Some((direction, barycentric(relative, self.normal, direction)?, s.solid_angle));
+        }
+        let b = warp::square_to_triangle(u);
+        let to = relative[0] * (1.0 - b.x - b.y) + relative[1] * b.x + relative[2] * b.y;
+        let distance_squared = to.length_squared();
+        let direction = to.try_normalize()?;
+        Some((direction, b, self.area * direction.dot(self.normal).abs() / distance_squared))
+    }
+}
+
+/// Where a direction from the origin meets the plane of a triangle, clamped to the triangle.
+fn barycentric(corners: [Vec3; 3], normal: Vec3, direction: Vec3) -> Option<Vec2> {
+    let [a, b, c] = corners.map(|v| v.as_dvec3());
+    let (n, d) = (normal.as_dvec3(), direction.as_dvec3());
+    let slope = d.dot(n);
+    if slope == 0.0 {
+        return None;
+    }
+    let p = d * (a.dot(n) / slope) - a;
+    let (e1, e2) = (b - a, c - a);
+    let inverse = 1.0 / e1.cross(e2).length_squared().max(f64::MIN_POSITIVE);
+    let b1 = (p.cross(e2).dot(e1.cross(e2)) * inverse).clamp(0.0, 1.0);
+    let b2 = (e1.cross(p).dot(e1.cross(e2)) * inverse).clamp(0.0, 1.0 - b1);
+    Some(Vec2::new(b1 as f32, b2 as f32))
+}

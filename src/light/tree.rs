@@ -1,0 +1,504 @@
+//! A hierarchy over everything that shines from a finite place, and the choice from it for one texel.
+//!
+//! In: bounds of n leaves. Out: for a site, a [`Cut`] through the tree; from it, a leaf and its exact probability.
+//!
+//! Source: A. Conty Estevez, C. Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting", 2018; bounds and
+//! importance as in Pharr, Jakob, Humphreys, *Physically Based Rendering*, 4th edition, §12.6.3. Where we differ, and why:
+//! * the split is adaptive per texel, not per sample: the cut through the tree is found once, then all samples of the texel
+//!   choose from it. Its leaves have their exact estimate, so a scene with fewer leaves than [`MOST`] has the exact choice.
+//!   Only nodes that are near the texel are weighed, and gone down from, anew for every sample;
+//! * bounds are taken for the whole texel, so a probability of 0 is right for all its points;
+//! * no angle makes the importance less than [`FLOOR`] of its largest unless nothing can arrive.
+//!
+//! Symbols: o opening of the cone of axes, e angle around each within which it shines, u angle under which the box is seen.
+//!
+//! Invariants: every leaf is in exactly one node of a cut, unless it cannot reach the site; probabilities of a cut's
+//! leaves add up to 1; the tree depends on the leaves alone.
+
+use super::piece::FLOOR;
+use super::site::Site;
+use core::cmp::Ordering;
+use core::f32::consts::{FRAC_PI_2, PI};
+use glam::Vec3;
+use std::collections::BinaryHeap;
+
+/// Most nodes of a cut.
+const MOST: usize = 96;
+/// Share of the whole below which a node is not worth opening.
+const SMALL: f32 = 1.0 / 128.0;
+/// Distance of a leaf, in radii of the texel, from which it looks alike from all of the texel.
+const NEAR: f32 = 3.0;
+/// Candidate splits per axis, as in pbrt.
+const BUCKETS: usize = 12;
+
+/// Depth from which nodes are halved, so that no arrangement makes the recursion deep.
+const DEEP: u32 = 48;
+
+/// What is known of some leaves together.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Bounds {
+    pub(super) low: Vec3,
+    pub(super) high: Vec3,
+    /// Axis of the cone of directions into which they shine.
+    pub(super) axis: Vec3,
+    pub(super) cos_o: f32,
+    pub(super) cos_e: f32,
+    /// Both sides shine.
+    pub(super) two_sided: bool,
+    /// Radiance × area, or intensity [cd].
+    pub(super) power: f32,
+    /// Nothing arrives beyond this distance [m].
+    pub(super) range: f32,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Node {
+    bounds: Bounds,
+    /// Second child (the first follows its parent), or the leaf's number.
+    next: u32,
+    leaf: bool,
+}
+
+/// The hierarchy.
+#[derive(Debug, Default)]
+pub(super) struct Tree {
+    nodes: Vec<Node>,
+}
+
+/// Nodes that cover the leaves which matter to a texel, with their importance.
+#[derive(Debug, Default)]
+pub(super) struct Cut {
+    nodes: Vec<(u32, f32)>,
+    /// Running sums of the importance.
+    sums: Vec<f32>,
+    /// From here on come nodes so close that they look different from other points of the texel.
+    near: usize,
+    /// The texel that it was made for.
+    site: Option<Site>,
+}
+
+/// A node that may be opened; the most important one comes first, of equal ones the later.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Open(f32, u32);
+
+impl Eq for Open {}
+
+impl PartialOrd for Open {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Open {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.0.total_cmp(&other.0).then(self.1.cmp(&other.1))
+    }
+}
+
+impl Cut {
+    /// Nothing reaches the site.
+    pub(super) fn is_empty(&self) -> bool {
+        self.nodes.is_empty()
+    }
+
+    /// Sums anew from a node on.
+    fn sum(&mut self, from: usize) {
+        self.sums.truncate(from);
+        let mut sum = self.sums.last().copied().unwrap_or(0.0);
+        self.sums.extend(self.nodes[from..].iter().map(|n| {
+            sum += n.1;
+            sum
+        }));
+    }
+}
+
+impl Tree {
+    pub(super) fn new(leaves: &[Bounds]) -> Self {
+        let mut tree = Self::default();
+        let mut order: Vec<u32> = (0..leaves.len() as u32).collect();
+        if !order.is_empty() {
+            tree.build(leaves, &mut order, 0);
+        }
+        tree
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.nodes.is_empty()
+    }
+
+    fn build(&mut self, leaves: &[Bounds], order: &mut [u32], depth: u32) {
+        let at = self.nodes.len();
+        if let [leaf] = *order {
+            self.nodes.push(Node { bounds: leaves[leaf as usize], next: leaf, leaf: true });
+            return;
+        }
+        let all = order.iter().map(|&k| leaves[k as usize]).reduce(|a, b| a.union(&b));
+        let Some(bounds) = all else { return };
+        self.nodes.push(Node { bounds, next: 0, leaf: false });
+        let split = if depth < DEEP { split(leaves, order, &bounds) } else { order.len() / 2 };
+        let (first, second) = order.split_at_mut(split);
+        self.build(leaves, first, depth + 1);
+        self.nodes[at].next = self.nodes.len() as u32;
+        self.build(leaves, second, depth + 1);
+    }
+
+    /// Importance of a node to a site; `estimate` is that of a leaf.
+    fn importance(&self, node: u32, site: &Site, estimate: &impl Fn(u32, &Site) -> f32) -> f32 {
+        let node = &self.nodes[node as usize];
+        if node.leaf { estimate(node.next, site) } else { node.bounds.importance(site) }
+    }
+
+    /// The cut for a site; empty if nothing reaches it.
+    pub(super) fn cut(&self, site: &Site, estimate: impl Fn(u32, &Site) -> f32) -> Cut {
+        let mut cut = Cut::default();
+        if self.nodes.is_empty() {
+            return cut;
+        }
+        let mut open = BinaryHeap::new();
+        let mut total = 0.0;
+        let add = |node: u32, open: &mut BinaryHeap<Open>, cut: &mut Cut, total: &mut f32| {
+            let importance = self.importance(node, site, &estimate);
+            if importance > 0.0 {
+                *total += importance;
+                if self.nodes[node as usize].leaf {
+                    cut.nodes.push((node, importance));
+                } else {
+                    open.push(Open(importance, node));
+                }
+            }
+        };
+        add(0, &mut open, &mut cut, &mut total);
+        while cut.nodes.len() + open.len() < MOST {
+            let Some(Open(importance, node)) = open.peek().copied().filter(|o| o.0 > SMALL * total) else { break };
+            open.pop();
+            total -= importance;
+            add(node + 1, &mut open, &mut cut, &mut total);
+            add(self.nodes[node as usize].next, &mut open, &mut cut, &mut total);
+        }
+        cut.nodes.extend(open.iter().map(|o| (o.1, o.0)));
+        // In the order of the tree, so that neighbouring numbers choose neighbouring lights; what is near comes last.
+        let near = |n: &(u32, f32)| self.nodes[n.0 as usize].bounds.distance(site.position) < NEAR * site.radius;
+        cut.nodes.sort_unstable_by_key(|n| (near(n), n.0));
+        cut.near = cut.nodes.partition_point(|n| !near(n));
+        cut.site = Some(*site);
+        cut.sum(0);
+        cut
+    }
+
+    /// Weighs the near nodes of a cut for one point of its texel.
+    ///
+    /// A lamp that touches one end of a texel would be chosen too rarely at this end by its weight for the whole texel.
+    pub(super) fn weigh(&self, cut: &mut Cut, point: &Site, estimate: impl Fn(u32, &Site) -> f32) {
+        let near = cut.near;
+        if near < cut.nodes.len() {
+            for (node, importance) in &mut cut.nodes[near..] {
+                *importance = self.importance(*node, point, &estimate);
+            }
+            cut.sum(near);
+        }
+    }
+
+    /// A leaf for `pick` in [0, 1), and its probability; `point` is what the near nodes were weighed for last.
+    pub(super) fn pick(
+        &self,
+        cut: &Cut,
+        point: &Site,
+        estimate: impl Fn(u32, &Site) -> f32,
+        pick: f64,
+    ) -> Option<(u32, f32)> {
+        let total = f64::from(*cut.sums.last()?);
+        let target = pick * total;
+        let k = cut.sums.partition_point(|&s| f64::from(s) <= target).min(cut.sums.len() - 1);
+        let low = if k == 0 { 0.0 } else { f64::from(cut.sums[k - 1]) };
+        let own = f64::from(cut.sums[k]) - low;
+        if own <= 0.0 {
+            return None;
+        }
+        let (mut pick, mut probability) = ((target - low) / own, own / total);
+        let site = cut.site.as_ref().filter(|_| k < cut.near).unwrap_or(point);
+        let mut node = cut.nodes[k].0;
+        while !self.nodes[node as usize].leaf {
+            let children = [node + 1, self.nodes[node as usize].next];
+            let [a, b] = children.map(|c| f64::from(self.importance(c, site, &estimate)));
+            if a + b <= 0.0 {
+                return None;
+            }
+            let first = a / (a + b);
+            if pick < first {
+                (node, pick, probability) = (children[0], pick / first, probability * first);
+            } else {
+                (node, pick, probability) = (children[1], (pick - first) / (1.0 - first), probability * (1.0 - first));
+            }
+        }
+        (probability > 0.0).then_some((self.nodes[node as usize].next, probability as f32))
+    }
+}
+
+impl Bounds {
+    fn union(&self, other: &Self) -> Self {
+        let (axis, cos_o) = cone_union((self.axis, self.cos_o), (other.axis, other.cos_o));
+        Self {
+            low: self.low.min(other.low),
+            high: self.high.max(other.high),
+            axis,
+            cos_o,
+            cos_e: self.cos_e.min(other.cos_e),
+            two_sided: self.two_sided || other.two_sided,
+            power: self.power + other.power,
+            range: self.range.max(other.range),
+        }
+    }
+
+    /// Distance of a point from the box [m].
+    fn distance(&self, point: Vec3) -> f32 {
+        point.clamp(self.low, self.high).distance(point)
+    }
+
+    fn center(&self) -> Vec3 {
+        (self.low + self.high) * 0.5
+    }
+
+    /// About the most illuminance that the leaves give to a site; 0 only where none of them gives any.
+    fn importance(&self, site: &Site) -> f32 {
+        let radius = (self.high - self.low).length() * 0.5 + site.radius;
+        let to = self.center() - site.position;
+        let distance_squared = to.length_squared();
+        if self.distance(site.position) - site.radius > self.range {
+            return 0.0;
+        }
+        let toward = to.normalize_or_zero();
+        let sin_u_squared = radius * radius / distance_squared.max(f32::MIN_POSITIVE);
+        let cos_u = if sin_u_squared < 1.0 { (1.0 - sin_u_squared).sqrt() } else { -1.0 };
+        let facing = -self.axis.dot(toward);
+        let cos_w = if self.two_sided { facing.abs() } else { facing };
+        let cos = cos_of_difference(cos_of_difference(cos_w, self.cos_o), cos_u);
+        if cos < self.cos_e {
+            return 0.0;
+        }
+        let mut elevation = cos_of_difference(toward.dot(site.normal), cos_u);
+        if site.flat && elevation <= 0.0 {
+            return 0.0;
+        }
+        if !site.flat {
+            elevation = elevation.max(0.3);
+        }
+        self.power * cos.max(FLOOR) * elevation.max(FLOOR) / distance_squared.max(radius * radius)
+    }
+
+    /// Cost of shooting at these leaves as one: power × solid angle of emission × surface (Conty and Kulla, eq. 1).
+    fn cost(&self) -> f32 {
+        let (o, e) = (libm::acosf(self.cos_o.clamp(-1.0, 1.0)), libm::acosf(self.cos_e.clamp(-1.0, 1.0)));
+        let w = (o + e).min(PI);
+        let (sin_o, cos_o) = libm::sincosf(o);
+        let omega = 2.0 * PI * (1.0 - cos_o)
+            + FRAC_PI_2 * (2.0 * w * sin_o - libm::cosf(o - 2.0 * w) - 2.0 * o * sin_o + cos_o);
+        let d = self.high - self.low;
+        // The diagonal keeps rows of lights, which have no surface, apart.
+        self.power * omega * (2.0 * (d.x * d.y + d.y * d.z + d.z * d.x) + 0.01 * d.length_squared())
+    }
+}
+
+/// cos max(0, x − y) of two angles in [0, π].
+pub(super) fn cos_of_difference(cos_x: f32, cos_y: f32) -> f32 {
+    if cos_x >= cos_y {
+        return 1.0;
+    }
+    let sin = |c: f32| (1.0 - c * c).max(0.0).sqrt();
+    cos_x * cos_y + sin(cos_x) * sin(cos_y)
+}
+
+/// The smallest cone around two cones (axis, cosine of the opening).
+fn cone_union(a: (Vec3, f32), b: (Vec3, f32)) -> (Vec3, f32) {
+    let (open_a, open_b) = (libm::acosf(a.1.clamp(-1.0, 1.0)), libm::acosf(b.1.clamp(-1.0, 1.0)));
+    let between = libm::acosf(a.0.dot(b.0).clamp(-1.0, 1.0));
+    if (between + open_b).min(PI) <= open_a {
+        return a;
+    }
+    if (between + open_a).min(PI) <= open_b {
+        return b;
+    }
+    // A little more than needed, against rounding.
+    let open = 0.5 * (open_a + between + open_b) + 1e-3;
+    let across = (b.0 - a.0 * a.0.dot(b.0)).normalize_or_zero();
+    if open >= PI || across == Vec3::ZERO {
+        return (a.0, -1.0);
+    }
+    let (sin, cos) = libm::sincosf(open - open_a);
+    ((a.0 * cos + across * sin).normalize_or_zero(), libm::cosf(open))
+}
+
+/// Orders the leaves for the cheapest of the candidate splits; how many go first. Half of them if none separates.
+fn split(leaves: &[Bounds], order: &mut [u32], bounds: &Bounds) -> usize {
+    let center = |k: u32| leaves[k as usize].center();
+    let (mut low, mut high) = (Vec3::splat(f32::MAX), Vec3::splat(f32::MIN));
+    for &k in order.iter() {
+        low = low.min(center(k));
+        high = high.max(center(k));
+    }
+    let extent = high - low;
+    let bucket = |k: u32, axis: usize| {
+        (((center(k)[axis] - low[axis]) / extent[axis] * BUCKETS as f32) as usize).min(BUCKETS - 1)
+    };
+    let size = bounds.high - bounds.low;
+    let mut best: Option<(f32, usize, usize)> = None;
+    for axis in (0..3).filter(|&a| extent[a] > 0.0) {
+        let mut all: [Option<Bounds>; BUCKETS] = [None; BUCKETS];
+        for &k in order.iter() {
+            let slot = &mut all[bucket(k, axis)];
+            *slot = Some(slot.map_or(leaves[k as usize], |b| b.union(&leaves[k as usize])));
+        }
+        // Long boxes are cut across, not along.
+        let shape = size.max_element() / size[axis].max(f32::MIN_POSITIVE);
+        for at in 1..BUCKETS {
+            let side = |part: &[Option<Bounds>]| part.iter().flatten().copied().reduce(|a, b| a.union(&b));
+            let (Some(a), Some(b)) = (side(&all[..at]), side(&all[at..])) else { continue };
+            let cost = shape * (a.cost() + b.cost());
+            if best.is_none_or(|(least, ..)| cost < least) {
+                best = Some((cost, axis, at));
+            }
+        }
+    }
+    let Some((_, axis, at)) = best else { return order.len() / 2 };
+    let mut first: Vec<u32> = order.iter().copied().filter(|&k| bucket(k, axis) < at).collect();
+    let split = first.len();
+    first.extend(order.iter().copied().filter(|&k| bucket(k, axis) >= at));
+    order.copy_from_slice(&first);
+    split
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::Rgb;
+    use crate::base::random::{Stage, Stream};
+    use crate::light::punctual;
+    use crate::scene::Light;
+
+    fn point(s: &mut Stream, size: f32) -> Vec3 {
+        Vec3::new(s.next_f32() - 0.5, s.next_f32() - 0.5, s.next_f32() - 0.5) * size
+    }
+
+    /// Points and spots of all strengths, some with a range.
+    fn lights(n: usize) -> Vec<Light> {
+        let mut s = Stream::new(1, Stage::Light, 0, 0);
+        let light = |k: usize| {
+            let (position, direction) = (point(&mut s, 20.0), point(&mut s, 1.0).normalize());
+            let intensity = Rgb::splat(0.1 + 10.0 * s.next_f32() * s.next_f32());
+            let range = if k.is_multiple_of(4) { 3.0 } else { f32::INFINITY };
+            if k.is_multiple_of(3) {
+                Light::Spot { position, direction, intensity, range, radius: 0.0, cos_inner: 0.9, cos_outer: 0.7 }
+            } else {
+                Light::Point { position, intensity, range, radius: 0.05 }
+            }
+        };
+        (0..n).map(light).collect()
+    }
+
+    fn tree(lights: &[Light]) -> Tree {
+        Tree::new(&lights.iter().filter_map(punctual::bounds).collect::<Vec<_>>())
+    }
+
+    fn sites() -> Vec<Site> {
+        let mut s = Stream::new(2, Stage::Light, 0, 0);
+        let site = |k: u64| {
+            let (position, normal) = (point(&mut s, 22.0), point(&mut s, 1.0).normalize());
+            Site { position, normal, radius: 0.02 * (k % 20) as f32, flat: !k.is_multiple_of(5) }
+        };
+        (0..40).map(site).collect()
+    }
+
+    /// Frequencies of the leaves over even picks, and the probability that each had.
+    fn observe(tree: &Tree, lights: &[Light], site: &Site, n: u32) -> Vec<(f64, f64)> {
+        let estimate = |k: u32, site: &Site| punctual::estimate(&lights[k as usize], site);
+        let mut cut = tree.cut(site, estimate);
+        let point = Site { radius: 0.0, position: site.position + Vec3::splat(0.3 * site.radius), ..*site };
+        tree.weigh(&mut cut, &point, estimate);
+        let mut seen = vec![(0.0, 0.0); lights.len()];
+        for k in 0..n {
+            if let Some((leaf, probability)) = tree.pick(&cut, &point, estimate, (f64::from(k) + 0.5) / f64::from(n)) {
+                seen[leaf as usize].0 += 1.0 / f64::from(n);
+                seen[leaf as usize].1 = f64::from(probability);
+            }
+        }
+        seen
+    }
+
+    #[test]
+    fn leaves_come_as_often_as_their_probability_says() {
+        for n in [1, 2, 30, 700] {
+            let lights = lights(n);
+            let tree = tree(&lights);
+            for site in sites() {
+                // Even picks hit a share of the unit interval at most one time more or less than its length says.
+                let off = |factor: f64| {
+                    let all = observe(&tree, &lights, &site, 20_000);
+                    all.iter().map(|(seen, p)| (seen - factor * p).abs()).fold(0.0, f64::max)
+                };
+                assert!(off(1.0) < 1.01e-4, "{n} leaves: off by {}", off(1.0));
+                let largest = observe(&tree, &lights, &site, 20_000).iter().map(|s| s.1).fold(0.0, f64::max);
+                assert!(largest < 0.05 || off(1.02) > 1.01e-4, "a probability 2 % too high goes unnoticed");
+            }
+        }
+    }
+
+    #[test]
+    fn what_can_arrive_can_be_chosen() {
+        let lights = lights(300);
+        let tree = tree(&lights);
+        for site in sites() {
+            let estimate = |k: u32, site: &Site| punctual::estimate(&lights[k as usize], site);
+            let cut = tree.cut(&site, estimate);
+            let covered = |leaf: u32| cut.nodes.iter().filter(|n| tree.leaves_under(n.0).contains(&leaf)).count();
+            for leaf in 0..lights.len() as u32 {
+                let expected = usize::from(estimate(leaf, &site) > 0.0);
+                assert!(covered(leaf) <= 1 && covered(leaf) >= expected, "leaf {leaf}");
+                // No node above it says that nothing can arrive.
+                let above = (0..tree.nodes.len() as u32).filter(|&k| tree.leaves_under(k).contains(&leaf));
+                let zero = above.filter(|&k| tree.importance(k, &site, &estimate) <= 0.0).count();
+                assert!(expected == 0 || zero == 0, "leaf {leaf}: {zero} nodes above hide it");
+            }
+        }
+    }
+
+    #[test]
+    fn bounds_never_hide_light() {
+        let lights = lights(200);
+        let mut s = Stream::new(3, Stage::Light, 0, 0);
+        for site in sites().iter().filter(|s| s.flat) {
+            for light in &lights {
+                let mut tangent = point(&mut s, 1.0).cross(site.normal).normalize_or_zero();
+                tangent *= site.radius * 0.99;
+                let u = glam::Vec2::new(s.next_f32(), s.next_f32());
+                let Some(seen) = punctual::seen_from(light, site.position + tangent, u) else { continue };
+                if seen.toward.dot(site.normal) > 0.0 {
+                    assert!(punctual::estimate(light, site) > 0.0, "{light:?} from {site:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn cones_hold_both() {
+        let mut s = Stream::new(4, Stage::Light, 0, 0);
+        for _ in 0..2000 {
+            let cone = |s: &mut Stream| (point(s, 1.0).normalize(), 1.0 - 2.0 * s.next_f32() * s.next_f32());
+            let (a, b) = (cone(&mut s), cone(&mut s));
+            let both = cone_union(a, b);
+            for (axis, cos) in [a, b] {
+                let own = libm::acosf(both.1) - libm::acosf(cos);
+                let between = libm::acosf(both.0.dot(axis).clamp(-1.0, 1.0));
+                assert!(between <= own + 2e-3 || both.1 <= -1.0, "{a:?} {b:?} {both:?}");
+            }
+        }
+    }
+
+    impl Tree {
+        fn leaves_under(&self, node: u32) -> Vec<u32> {
+            let n = &self.nodes[node as usize];
+            if n.leaf {
+                return vec![n.next];
+            }
+            [node + 1, n.next].iter().flat_map(|&c| self.leaves_under(c)).collect()
+        }
+    }
+}
