@@ -17,8 +17,9 @@
 use crate::base::parallel;
 use crate::scene::Alpha;
 use crate::scene::Scene;
+use super::lanes::Eight;
 use core::time::Duration;
-use glam::{DVec3, Vec3, Vec3A, Vec4};
+use glam::{DVec3, Vec3, Vec3A};
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::bvh2::Bvh2;
@@ -27,19 +28,22 @@ use obvhs::bvh2::builder::build_bvh2;
 /// Children of a node.
 pub(super) const WIDTH: usize = 8;
 /// Triangles of a packet: the lanes of a 128-bit register, which every x86-64 and arm64 machine has.
-pub(super) const LANES: usize = 4;
+pub(super) const LANES: usize = 8;
 /// More would not fit into [`Child`].
 const MAX_TRIANGLES: usize = 1 << 28;
 /// Boxes grow by this part of the largest coordinate. Larger: thin boxes overlap; smaller: below the error of the
 /// triangle test once an origin is far outside of the scene.
 const PAD: f32 = 1.0 / (1u64 << 40) as f32;
 
+/// Smallest `Packet::margin` [m]: see `ShearLanes::filter`.
+const LEAST_MARGIN: f64 = 1.0 / (1u64 << 50) as f64;
+
 /// Eight boxes and what is in them. Four whole cache lines.
 #[derive(Clone)]
 #[repr(align(64))]
 pub(super) struct Node {
     /// By axis, then smallest and largest coordinate, then four children each. Empty: +∞ and −∞, which no ray meets.
-    pub(super) bounds: [[[Vec4; 2]; 2]; 3],
+    pub(super) bounds: [[Eight; 2]; 3],
     /// What is in each box.
     pub(super) children: [Child; WIDTH],
 }
@@ -51,12 +55,12 @@ pub(super) struct Node {
 pub(super) struct Child(u32);
 
 impl Child {
-    const fn node(index: usize) -> Self {
+    pub(super) const fn node(index: usize) -> Self {
         Self(index as u32)
     }
 
     const fn packet(index: usize, count: usize) -> Self {
-        Self(1 << 31 | (count as u32) << 28 | index as u32)
+        Self(1 << 31 | (count as u32 - 1) << 28 | index as u32)
     }
 
     /// The root node.
@@ -64,7 +68,15 @@ impl Child {
 
     /// `(packet, number of triangles in it)`, or `None` for a node.
     pub(super) const fn as_packet(self) -> Option<(usize, usize)> {
-        if self.0 >> 31 == 1 { Some(((self.0 & 0xfff_ffff) as usize, (self.0 >> 28 & 7) as usize)) } else { None }
+        if self.0 >> 31 == 1 { Some(((self.0 & 0xfff_ffff) as usize, (self.0 >> 28 & 7) as usize + 1)) } else { None }
+    }
+
+    pub(super) const fn to_bits(self) -> u32 {
+        self.0
+    }
+
+    pub(super) const fn from_bits(bits: u32) -> Self {
+        Self(bits)
     }
 
     /// Index of the node that this is.
@@ -78,7 +90,9 @@ impl Child {
 #[repr(align(64))]
 pub(super) struct Packet {
     /// By corner, then axis, then triangle; in metres.
-    pub(super) corners: [[Vec4; 3]; 3],
+    pub(super) corners: [[Eight; 3]; 3],
+    /// Twice the larger 1-norm of the edges at corner 0 [m].
+    pub(super) margin: Eight,
     /// Triangle indices; [`Packet::TRANSPARENT`] is set where the material is not opaque.
     pub(super) triangles: [u32; LANES],
 }
@@ -86,6 +100,21 @@ pub(super) struct Packet {
 impl Packet {
     /// Flag in `triangles`: ask the scene for the opacity.
     pub(super) const TRANSPARENT: u32 = 1 << 31;
+
+    pub(super) fn empty() -> Self {
+        Self { corners: [[Eight::default(); 3]; 3], margin: Eight::default(), triangles: [0; LANES] }
+    }
+
+    pub(super) fn set(&mut self, lane: usize, corners: [Vec3; 3], triangle: u32) {
+        let edge = |k: usize| (corners[k].as_dvec3() - corners[0].as_dvec3()).abs().element_sum();
+        self.margin.0[lane] = (2.0 * edge(1).max(edge(2))).max(LEAST_MARGIN).next_up() as f32 * (1.0 + 4.0 * f32::EPSILON);
+        self.triangles[lane] = triangle;
+        for (lanes, p) in self.corners.iter_mut().zip(corners) {
+            for (axis, v) in p.to_array().into_iter().enumerate() {
+                lanes[axis].0[lane] = v;
+            }
+        }
+    }
 }
 
 /// The finished hierarchy.
@@ -312,19 +341,13 @@ impl<'a> Collapse<'a> {
     }
 
     fn packet(&self, items: &[u32]) -> Packet {
-        let mut corners = [[[0.0; LANES]; 3]; 3];
-        let mut triangles = [0; LANES];
+        let mut packet = Packet::empty();
         for (lane, &i) in items.iter().enumerate() {
             let triangle = self.items[i as usize].triangle;
             let opaque = self.scene.material(triangle).alpha == Alpha::Opaque;
-            triangles[lane] = if opaque { triangle } else { triangle | Packet::TRANSPARENT };
-            for (corner, p) in self.scene.corners(triangle).iter().enumerate() {
-                for axis in 0..3 {
-                    corners[corner][axis][lane] = p[axis];
-                }
-            }
+            packet.set(lane, self.scene.corners(triangle), if opaque { triangle } else { triangle | Packet::TRANSPARENT });
         }
-        Packet { corners: corners.map(|c| c.map(Vec4::from_array)), triangles }
+        packet
     }
 }
 
@@ -340,15 +363,15 @@ fn halves(items: &[u32]) -> [Branch<'_>; 2] {
 }
 
 impl Node {
-    fn empty() -> Self {
-        let side = [[Vec4::INFINITY; 2], [Vec4::NEG_INFINITY; 2]];
+    pub(super) fn empty() -> Self {
+        let side = [Eight([f32::INFINITY; WIDTH]), Eight([f32::NEG_INFINITY; WIDTH])];
         Self { bounds: [side; 3], children: [Child::ROOT; WIDTH] }
     }
 
     fn set(&mut self, slot: usize, bounds: (Vec3, Vec3), child: Child) {
         for axis in 0..3 {
-            self.bounds[axis][0][slot / 4][slot % 4] = bounds.0[axis];
-            self.bounds[axis][1][slot / 4][slot % 4] = bounds.1[axis];
+            self.bounds[axis][0].0[slot] = bounds.0[axis];
+            self.bounds[axis][1].0[slot] = bounds.1[axis];
         }
         self.children[slot] = child;
     }
@@ -369,6 +392,6 @@ mod tests {
     #[test]
     fn nodes_and_packets_are_whole_cache_lines() {
         assert_eq!((size_of::<Node>(), align_of::<Node>()), (256, 64));
-        assert_eq!((size_of::<Packet>(), align_of::<Packet>()), (192, 64));
+        assert_eq!((size_of::<Packet>(), align_of::<Packet>()), (384, 64));
     }
 }
