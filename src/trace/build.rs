@@ -1,39 +1,45 @@
-//! Builds the hierarchy: obvhs's binary tree, collapsed to nodes of eight boxes and packets of four triangles.
+//! Builds the hierarchy: nodes of eight boxes and packets of eight triangles.
 //!
-//! In: [`Scene`]. Out: [`Hierarchy`], node 0 is the root.
+//! In: [`Scene`]. Out: [`Hierarchy`], node 0 is the root. Two steps: `plan` decides what is below what, cut by cut (see
+//! `split`); `write` copies that into nodes and packets, depth first, so that what is near in space is near in memory.
 //!
-//! Source: obvhs 0.4.0, preset "medium" (parallel locally-ordered clustering, Meister and Bittner 2018, and parallel
-//! reinsertion, Meister and Bittner 2017); greedy collapse after Wald, Benthin, Boulos, "Getting rid of packets", 2008,
-//! §3: the child with the largest area is opened until eight are there.
+//! Source: Wald, Benthin, Boulos, "Getting rid of packets", 2008, §3: of the children of a node the one with the largest
+//! area is cut until eight are there. Where we differ, and why: children with triangles come first, then by falling area:
+//! the order in which a ray that asks for any hit should look.
 //!
-//! obvhs sees boxes scaled to the unit cube, so that neither a huge nor a tiny scene overflows its areas; only its
-//! topology is used. Our boxes are computed from the triangles, one f32 step larger on each side, and at least 2⁻⁴⁰ of
-//! the largest coordinate: so no box is flat, no point of a triangle lies on the border of its box, and the rounding of
-//! the double-precision triangle test (2⁻⁵³ of the distance) cannot put a hit outside of the box. See `traverse`.
+//! Boxes are one f32 step larger than their triangles on each side, and at least 2⁻⁴⁰ of the largest coordinate: so no
+//! box is flat, no point of a triangle lies on the border of its box, and the rounding of the double-precision triangle
+//! test (2⁻⁵³ of the distance) cannot put a hit outside of the box. See `traverse`.
 //!
-//! Invariants: every triangle with area and finite corners is in exactly one packet; no recursion, so a degenerate tree
-//! cannot overflow the stack. Limit: 2²⁸ triangles.
+//! Invariants: every triangle with area and finite corners is in exactly one packet; the same bytes at every thread count;
+//! recursion is at most [`DEEPEST`] and the logarithm of the number of triangles deep. Limit: 2²⁸ triangles.
 
+use super::lanes::Eight;
+use super::split::Bounds;
+use super::split::Item;
+use super::split::split;
 use crate::base::parallel;
 use crate::scene::Alpha;
 use crate::scene::Scene;
-use super::lanes::Eight;
-use core::time::Duration;
-use glam::{DVec3, Vec3, Vec3A};
-use obvhs::BvhBuildParams;
-use obvhs::aabb::Aabb;
-use obvhs::bvh2::Bvh2;
-use obvhs::bvh2::builder::build_bvh2;
+use core::mem::take;
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 
 /// Children of a node.
 pub(super) const WIDTH: usize = 8;
-/// Triangles of a packet: the lanes of a 128-bit register, which every x86-64 and arm64 machine has.
+/// Triangles of a packet.
 pub(super) const LANES: usize = 8;
 /// More would not fit into [`Child`].
 const MAX_TRIANGLES: usize = 1 << 28;
 /// Boxes grow by this part of the largest coordinate. Larger: thin boxes overlap; smaller: below the error of the
 /// triangle test once an origin is far outside of the scene.
 const PAD: f32 = 1.0 / (1u64 << 40) as f32;
+
+/// From this depth on, nodes are cut in the middle, so that no scene makes the tree a chain. Reached by nothing but
+/// scenes made for it.
+const DEEPEST: usize = 48;
+/// Triangles below which a subtree is not worth a task.
+const TASK: usize = 1 << 12;
 
 /// Smallest `Packet::margin` [m]: see `ShearLanes::filter`.
 const LEAST_MARGIN: f64 = 1.0 / (1u64 << 50) as f64;
@@ -130,29 +136,26 @@ pub(super) struct Hierarchy {
     pub(super) triangle_count: usize,
 }
 
-/// A triangle on its way into the hierarchy.
-struct Item {
-    triangle: u32,
-    min: Vec3,
-    max: Vec3,
-}
-
 impl Hierarchy {
     pub(super) fn new(scene: &Scene) -> Self {
         let mut items = usable(scene);
         if items.is_empty() {
             return Self::default();
         }
-        let bounds = items.iter().fold((items[0].min, items[0].max), |b, i| (b.0.min(i.min), b.1.max(i.max)));
+        let bounds = Bounds::of(&items);
+        let bounds = (Vec3::from(bounds.min), Vec3::from(bounds.max));
         let pad = PAD * bounds.0.abs().max(bounds.1.abs()).max_element();
-        for item in &mut items {
+        items.par_iter_mut().for_each(|item| {
             item.min = Vec3::from_array((item.min - pad).to_array().map(f32::next_down)).max(Vec3::MIN);
             item.max = Vec3::from_array((item.max + pad).to_array().map(f32::next_up)).min(Vec3::MAX);
-        }
-        let tree = binary_tree(&items, bounds);
-        let mut collapse = Collapse::new(scene, &items, &tree);
-        collapse.run();
-        Self { nodes: collapse.nodes, packets: collapse.packets, bounds, triangle_count: items.len() }
+        });
+        let extent = (bounds.1 - bounds.0).max_element();
+        let branch = Branch { first: 0, count: items.len(), bounds: Bounds::of(&items) };
+        let plan = plan(&mut items, branch, 1.0 / extent, 0);
+        let mut nodes = parallel::map(plan.nodes, |_| Node::empty());
+        let mut packets = parallel::map(plan.packets, |_| Packet::empty());
+        write(scene, &items, &plan, (&mut nodes, 0), (&mut packets, 0));
+        Self { nodes, packets, bounds, triangle_count: items.len() }
     }
 
     /// Largest absolute coordinate [m].
@@ -170,7 +173,7 @@ fn usable(scene: &Scene) -> Vec<Item> {
     let chunks = parallel::map_chunks(scene.triangles.len().min(MAX_TRIANGLES), 1 << 14, |range| {
         range.filter_map(|i| item(scene, i as u32)).collect::<Vec<_>>()
     });
-    chunks.into_iter().flatten().collect()
+    chunks.concat()
 }
 
 fn item(scene: &Scene, triangle: u32) -> Option<Item> {
@@ -182,184 +185,107 @@ fn item(scene: &Scene, triangle: u32) -> Option<Item> {
     if (b - a).cross(c - a) == DVec3::ZERO {
         return None;
     }
-    let min = corners[0].min(corners[1]).min(corners[2]);
-    let max = corners[0].max(corners[1]).max(corners[2]);
-    Some(Item { triangle, min, max })
+    let opaque = scene.material(triangle).alpha == Alpha::Opaque;
+    Some(Item {
+        triangle,
+        min: corners[0].min(corners[1]).min(corners[2]),
+        max: corners[0].max(corners[1]).max(corners[2]),
+        flags: if opaque { 0 } else { Packet::TRANSPARENT },
+    })
 }
 
-fn binary_tree(items: &[Item], bounds: (Vec3, Vec3)) -> Bvh2 {
-    let low = bounds.0.as_dvec3();
-    let scale = 1.0 / (bounds.1.as_dvec3() - low).max_element();
-    let unit = |p: Vec3| Vec3A::from(((p.as_dvec3() - low) * scale).as_vec3());
-    let boxes: Vec<Aabb> = parallel::map(items.len(), |i| Aabb::new(unit(items[i].min), unit(items[i].max)));
-    build_bvh2(&boxes, BvhBuildParams::medium_build(), &mut Duration::default())
+/// A run of items and the box around them.
+#[derive(Clone, Copy)]
+struct Branch {
+    first: usize,
+    count: usize,
+    bounds: Bounds,
 }
 
-/// The state of the collapse.
-struct Collapse<'a> {
-    scene: &'a Scene,
-    items: &'a [Item],
-    tree: &'a Bvh2,
-    /// Number of triangles below each node of the tree.
-    counts: Vec<u32>,
-    /// Box of each node of the tree.
-    boxes: Vec<(Vec3, Vec3)>,
-    nodes: Vec<Node>,
-    packets: Vec<Packet>,
+/// What will be a node.
+struct Plan {
+    children: Vec<(Branch, Option<Self>)>,
+    /// Number of nodes from here on down, this one included, and of packets.
+    nodes: usize,
+    packets: usize,
 }
 
-impl<'a> Collapse<'a> {
-    fn new(scene: &'a Scene, items: &'a [Item], tree: &'a Bvh2) -> Self {
-        let n = tree.nodes.len();
-        let mut this = Self {
-            scene,
-            items,
-            tree,
-            counts: vec![0; n],
-            boxes: vec![(Vec3::INFINITY, Vec3::NEG_INFINITY); n],
-            nodes: Vec::new(),
-            packets: Vec::new(),
-        };
-        this.measure();
-        this
+/// Plans the node for a branch and all below. `items` are those of the branch.
+fn plan(items: &mut [Item], branch: Branch, scale: f32, depth: usize) -> Plan {
+    let branches = open(items, branch, scale, depth);
+    let mut rest = items;
+    let mut jobs = Vec::with_capacity(WIDTH);
+    for b in branches {
+        let (mine, others) = rest.split_at_mut(b.count);
+        rest = others;
+        jobs.push((mine, b));
     }
-
-    /// Counts and boxes, children before parents.
-    fn measure(&mut self) {
-        let mut order = Vec::with_capacity(self.tree.nodes.len());
-        let mut pending = vec![0];
-        while let Some(n) = pending.pop() {
-            order.push(n);
-            if let Some(children) = self.children(n) {
-                pending.extend(children);
-            }
-        }
-        for &n in order.iter().rev() {
-            let union = |a: (Vec3, Vec3), b: (Vec3, Vec3)| (a.0.min(b.0), a.1.max(b.1));
-            if let Some([l, r]) = self.children(n) {
-                self.counts[n] = self.counts[l] + self.counts[r];
-                self.boxes[n] = union(self.boxes[l], self.boxes[r]);
-            } else {
-                let leaf = self.leaf(n);
-                self.counts[n] = leaf.len() as u32;
-                self.boxes[n] = leaf
-                    .iter()
-                    .map(|&i| (self.items[i as usize].min, self.items[i as usize].max))
-                    .fold(self.boxes[n], union);
-            }
-        }
-    }
-
-    fn children(&self, node: usize) -> Option<[usize; 2]> {
-        let n = &self.tree.nodes[node];
-        let first = n.first_index as usize;
-        (n.prim_count == 0).then_some([first, first + 1])
-    }
-
-    fn leaf(&self, node: usize) -> &'a [u32] {
-        let n = &self.tree.nodes[node];
-        let first = n.first_index as usize;
-        &self.tree.primitive_indices[first..first + n.prim_count as usize]
-    }
-
-    fn run(&mut self) {
-        self.nodes.push(Node::empty());
-        let mut pending = vec![(Branch::Tree(0), 0)];
-        while let Some((branch, at)) = pending.pop() {
-            for (slot, child) in self.open(branch).into_iter().enumerate() {
-                let (count, bounds) = self.extent(&child);
-                let reference = if count <= LANES {
-                    let items = self.gather(&child);
-                    self.packets.push(self.packet(&items));
-                    Child::packet(self.packets.len() - 1, items.len())
-                } else {
-                    self.nodes.push(Node::empty());
-                    pending.push((child, self.nodes.len() - 1));
-                    Child::node(self.nodes.len() - 1)
-                };
-                self.nodes[at].set(slot, bounds, reference);
-            }
-        }
-        self.nodes.shrink_to_fit();
-        self.packets.shrink_to_fit();
-    }
-
-    /// At most eight branches that together are the given one.
-    fn open(&self, branch: Branch<'a>) -> Vec<Branch<'a>> {
-        let mut out = vec![branch];
-        while out.len() < WIDTH {
-            let mut largest = None;
-            for (i, b) in out.iter().enumerate() {
-                let (count, (min, max)) = self.extent(b);
-                let e = (max - min).as_dvec3();
-                let area = e.x * e.y + e.y * e.z + e.z * e.x;
-                if count > LANES && largest.is_none_or(|(a, _)| area > a) {
-                    largest = Some((area, i));
-                }
-            }
-            let Some((_, i)) = largest else { break };
-            let [l, r] = match out.remove(i) {
-                Branch::Tree(n) => match self.children(n) {
-                    Some([l, r]) => [Branch::Tree(l), Branch::Tree(r)],
-                    None => halves(self.leaf(n)),
-                },
-                Branch::Items(items) => halves(items),
-            };
-            out.extend([l, r]);
-        }
-        out
-    }
-
-    fn extent(&self, branch: &Branch<'_>) -> (usize, (Vec3, Vec3)) {
-        match branch {
-            Branch::Tree(n) => (self.counts[*n] as usize, self.boxes[*n]),
-            Branch::Items(items) => {
-                let corners = items.iter().map(|&i| &self.items[i as usize]);
-                let empty = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-                (items.len(), corners.fold(empty, |b, i| (b.0.min(i.min), b.1.max(i.max))))
-            }
-        }
-    }
-
-    /// The items below a branch with few of them.
-    fn gather(&self, branch: &Branch<'_>) -> Vec<u32> {
-        let mut items = Vec::with_capacity(LANES);
-        let mut pending = match branch {
-            Branch::Tree(n) => vec![*n],
-            Branch::Items(list) => {
-                items.extend_from_slice(list);
-                vec![]
-            }
-        };
-        while let Some(n) = pending.pop() {
-            match self.children(n) {
-                Some([l, r]) => pending.extend([r, l]),
-                None => items.extend_from_slice(self.leaf(n)),
-            }
-        }
-        items
-    }
-
-    fn packet(&self, items: &[u32]) -> Packet {
-        let mut packet = Packet::empty();
-        for (lane, &i) in items.iter().enumerate() {
-            let triangle = self.items[i as usize].triangle;
-            let opaque = self.scene.material(triangle).alpha == Alpha::Opaque;
-            packet.set(lane, self.scene.corners(triangle), if opaque { triangle } else { triangle | Packet::TRANSPARENT });
-        }
-        packet
-    }
+    let below = |(items, b): (&mut [Item], Branch)| (b, (b.count > LANES).then(|| plan(items, b, scale, depth + 1)));
+    let mut children: Vec<_> = if branch.count > TASK {
+        jobs.into_par_iter().map(below).collect()
+    } else {
+        jobs.into_iter().map(below).collect()
+    };
+    children.sort_by(|(a, x), (b, y)| {
+        let area = |b: &Branch| b.bounds.area(scale);
+        x.is_some().cmp(&y.is_some()).then(area(b).total_cmp(&area(a)))
+    });
+    let sum = |f: fn(&Plan) -> usize| children.iter().filter_map(|(_, p)| p.as_ref()).map(f).fold(0, |a, b| a + b);
+    let packets = children.iter().filter(|(_, p)| p.is_none()).count() + sum(|p| p.packets);
+    Plan { nodes: 1 + sum(|p| p.nodes), packets, children }
 }
 
-/// Part of the binary tree: a node, or a run of the triangles of a leaf that is too large for a packet.
-enum Branch<'a> {
-    Tree(usize),
-    Items(&'a [u32]),
+/// At most eight branches that together are the given one, in the order of their items.
+fn open(items: &mut [Item], branch: Branch, scale: f32, depth: usize) -> Vec<Branch> {
+    let mut out = vec![branch];
+    while out.len() < WIDTH {
+        let mut largest: Option<(f32, usize)> = None;
+        for (i, b) in out.iter().enumerate().filter(|(_, b)| b.count > LANES) {
+            let area = b.bounds.area(scale);
+            if largest.is_none_or(|(a, _)| area > a) {
+                largest = Some((area, i));
+            }
+        }
+        let Some((_, i)) = largest else { break };
+        let b = out[i];
+        let start = b.first - branch.first;
+        let mine = &mut items[start..start + b.count];
+        let left = if depth < DEEPEST { split(mine, scale) } else { b.count / 2 };
+        let (l, r) = mine.split_at(left);
+        out[i] = Branch { first: b.first, count: left, bounds: Bounds::of(l) };
+        out.insert(i + 1, Branch { first: b.first + left, count: b.count - left, bounds: Bounds::of(r) });
+    }
+    out
 }
 
-fn halves(items: &[u32]) -> [Branch<'_>; 2] {
-    let (l, r) = items.split_at(items.len() / 2);
-    [Branch::Items(l), Branch::Items(r)]
+/// Fills exactly the nodes and packets of a plan; with each slice comes the index of its first element in the whole.
+fn write(scene: &Scene, items: &[Item], plan: &Plan, nodes: (&mut [Node], usize), packets: (&mut [Packet], usize)) {
+    let (Some((node, mut node_rest)), mut node_index) = (nodes.0.split_first_mut(), nodes.1 + 1) else { return };
+    let (mut packet_rest, mut packet_index) = packets;
+    let mut jobs = Vec::with_capacity(WIDTH);
+    for (slot, (branch, below)) in plan.children.iter().enumerate() {
+        if let Some(below) = below {
+            node.set(slot, &branch.bounds, Child::node(node_index));
+            let (n, n_rest) = take(&mut node_rest).split_at_mut(below.nodes);
+            let (p, p_rest) = take(&mut packet_rest).split_at_mut(below.packets);
+            (node_rest, packet_rest) = (n_rest, p_rest);
+            jobs.push((below, (n, node_index), (p, packet_index)));
+            node_index += below.nodes;
+            packet_index += below.packets;
+        } else if let Some((packet, p_rest)) = take(&mut packet_rest).split_first_mut() {
+            node.set(slot, &branch.bounds, Child::packet(packet_index, branch.count));
+            for (lane, item) in items[branch.first..branch.first + branch.count].iter().enumerate() {
+                packet.set(lane, scene.corners(item.triangle), item.triangle | item.flags);
+            }
+            packet_rest = p_rest;
+            packet_index += 1;
+        }
+    }
+    if plan.packets > TASK / LANES {
+        jobs.into_par_iter().for_each(|(below, n, p)| write(scene, items, below, n, p));
+    } else {
+        jobs.into_iter().for_each(|(below, n, p)| write(scene, items, below, n, p));
+    }
 }
 
 impl Node {
@@ -368,10 +294,10 @@ impl Node {
         Self { bounds: [side; 3], children: [Child::ROOT; WIDTH] }
     }
 
-    fn set(&mut self, slot: usize, bounds: (Vec3, Vec3), child: Child) {
+    fn set(&mut self, slot: usize, bounds: &Bounds, child: Child) {
         for axis in 0..3 {
-            self.bounds[axis][0].0[slot] = bounds.0[axis];
-            self.bounds[axis][1].0[slot] = bounds.1[axis];
+            self.bounds[axis][0].0[slot] = bounds.min[axis];
+            self.bounds[axis][1].0[slot] = bounds.max[axis];
         }
         self.children[slot] = child;
     }

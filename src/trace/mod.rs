@@ -18,6 +18,7 @@ mod avx2;
 mod build;
 mod lanes;
 mod origin;
+mod split;
 mod stack;
 mod traverse;
 mod triangle;
