@@ -1,6 +1,6 @@
 //! Builds the hierarchy: nodes of eight boxes and packets of eight triangles.
 //!
-//! In: [`Scene`]. Out: [`Hierarchy`], node 0 is the root. Two steps: `plan` decides what is below what, cut by cut (see
+//! In: [`Scene`]. Out: [`Hierarchy`], and its root node. Two steps: `plan` decides what is below what, cut by cut (see
 //! `split`); `write` copies that into nodes and packets, depth first, so that what is near in space is near in memory.
 //!
 //! Source: Wald, Benthin, Boulos, "Getting rid of packets", 2008, §3: of the children of a node the one with the largest
@@ -15,6 +15,7 @@
 //! recursion is at most [`DEEPEST`] and the logarithm of the number of triangles deep. Limit: 2²⁸ triangles.
 
 use super::lanes::Eight;
+use super::machine;
 use super::split::Bounds;
 use super::split::Item;
 use super::split::split;
@@ -57,7 +58,7 @@ pub(super) struct Node {
 /// Index of a node, or index of a packet with the number of its triangles.
 ///
 /// Bit 31: packet; then bits 28 to 30 hold the number of triangles, bits 0 to 27 the index.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 pub(super) struct Child(u32);
 
 impl Child {
@@ -69,8 +70,8 @@ impl Child {
         Self(1 << 31 | (count as u32 - 1) << 28 | index as u32)
     }
 
-    /// The root node.
-    pub(super) const ROOT: Self = Self::node(0);
+    /// What is nowhere.
+    const NONE: Self = Self::node(0);
 
     /// `(packet, number of triangles in it)`, or `None` for a node.
     pub(super) const fn as_packet(self) -> Option<(usize, usize)> {
@@ -128,6 +129,9 @@ impl Packet {
 pub(super) struct Hierarchy {
     /// Empty if there is no triangle.
     pub(super) nodes: Vec<Node>,
+    /// Where the nodes begin.
+    pub(super) root: Child,
+    pub(super) node_count: usize,
     /// What `Child::packet` points to.
     pub(super) packets: Vec<Packet>,
     /// Smallest and largest coordinates, unpadded [m].
@@ -152,10 +156,11 @@ impl Hierarchy {
         let extent = (bounds.1 - bounds.0).max_element();
         let branch = Branch { first: 0, count: items.len(), bounds: Bounds::of(&items) };
         let plan = plan(&mut items, branch, 1.0 / extent, 0);
-        let mut nodes = parallel::map(plan.nodes, |_| Node::empty());
-        let mut packets = parallel::map(plan.packets, |_| Packet::empty());
-        write(scene, &items, &plan, (&mut nodes, 0), (&mut packets, 0));
-        Self { nodes, packets, bounds, triangle_count: items.len() }
+        let (mut nodes, first_node) = machine::fill(plan.nodes, &Node::empty());
+        let (mut packets, first_packet) = machine::fill(plan.packets, &Packet::empty());
+        let (n, p) = (&mut nodes[first_node..], &mut packets[first_packet..]);
+        write(scene, &items, &plan, (n, first_node), (p, first_packet));
+        Self { nodes, packets, root: Child::node(first_node), node_count: plan.nodes, bounds, triangle_count: items.len() }
     }
 
     /// Largest absolute coordinate [m].
@@ -291,7 +296,7 @@ fn write(scene: &Scene, items: &[Item], plan: &Plan, nodes: (&mut [Node], usize)
 impl Node {
     pub(super) fn empty() -> Self {
         let side = [Eight([f32::INFINITY; WIDTH]), Eight([f32::NEG_INFINITY; WIDTH])];
-        Self { bounds: [side; 3], children: [Child::ROOT; WIDTH] }
+        Self { bounds: [side; 3], children: [Child::NONE; WIDTH] }
     }
 
     fn set(&mut self, slot: usize, bounds: &Bounds, child: Child) {

@@ -29,6 +29,8 @@ pub(super) trait Lanes: Copy {
     fn at_most(self, other: Self) -> u32;
     /// A bit for each lane that is below the other one; not for NaN.
     fn below(self, other: Self) -> u32;
+    /// Asks for the cache lines of something that will be read soon.
+    fn prefetch<T>(_at: &T) {}
 }
 
 /// See the head of this file.

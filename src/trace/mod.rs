@@ -13,10 +13,9 @@
 //! Limits: 2²⁸ triangles; further ones are not seen. Distances are f32: surfaces closer to each other than one part in
 //! 2²⁴ of the ray's length count as equally far.
 
-#[cfg(target_arch = "x86_64")]
-mod avx2;
 mod build;
 mod lanes;
+mod machine;
 mod origin;
 mod split;
 mod stack;
@@ -68,7 +67,7 @@ pub struct Tracer<'a> {
     hierarchy: Hierarchy,
     /// The machine has AVX2.
     #[cfg(target_arch = "x86_64")]
-    avx2: Option<avx2::Avx2>,
+    avx2: Option<machine::Avx2>,
 }
 
 /// A [`Ray`] with a direction in double precision.
@@ -95,7 +94,7 @@ impl<'a> Tracer<'a> {
             scene,
             hierarchy: Hierarchy::new(scene),
             #[cfg(target_arch = "x86_64")]
-            avx2: avx2::Avx2::detect(),
+            avx2: machine::Avx2::detect(),
         }
     }
 
@@ -181,7 +180,7 @@ impl<'a> Tracer<'a> {
     /// Number of eight-wide nodes.
     #[must_use]
     pub fn node_count(&self) -> usize {
-        self.hierarchy.nodes.len()
+        self.hierarchy.node_count
     }
 
     /// Memory of the hierarchy [bytes].

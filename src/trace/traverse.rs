@@ -68,10 +68,11 @@ fn closest<L: Lanes>(tracer: &Tracer<'_>, ray: &Ray3, shear: &Shear) -> Option<H
     let mut best = Best { t: ray.t_max, triangle: 0, crossing: None };
     let mut limit = limit(ray.t_max, shear.scale());
     let mut stack = Stack::new();
-    let mut child = Child::ROOT;
+    let mut child = tracer.hierarchy.root;
     loop {
         if let Some((packet, count)) = child.as_packet() {
             let packet = &tracer.hierarchy.packets[packet];
+            L::prefetch(&packet.triangles);
             let mut mask = lanes.filter(packet, shear) & ((1 << count) - 1);
             let mut improved = false;
             while mask != 0 {
@@ -84,7 +85,13 @@ fn closest<L: Lanes>(tracer: &Tracer<'_>, ray: &Ray3, shear: &Shear) -> Option<H
             }
         } else {
             let node = &tracer.hierarchy.nodes[child.as_node()];
+            L::prefetch(&node.children);
             let (near, mask) = slab.meet(node, L::splat(limit));
+            let mut m = mask & mask.wrapping_sub(1);
+            while m != 0 {
+                ask::<L>(tracer, node.children[m.trailing_zeros() as usize % WIDTH]);
+                m &= m - 1;
+            }
             if mask != 0 {
                 child = stack.push_all_but_nearest(node, &near.store().0, mask);
                 continue;
@@ -102,8 +109,8 @@ fn any<L: Lanes>(tracer: &Tracer<'_>, ray: &Ray3, shear: &Shear) -> Option<Hit> 
     let lanes = ShearLanes::<L>::new(shear);
     let limit = L::splat(limit(ray.t_max, shear.scale()));
     let mut stack = Stack::new();
-    let mut index = 0;
-    let mut node = &tracer.hierarchy.nodes[0];
+    let mut index = tracer.hierarchy.root.as_node();
+    let mut node = &tracer.hierarchy.nodes[index];
     let mut mask = slab.meet(node, limit).1;
     loop {
         // Children are in a good order already (see `build`): the next one is the lowest bit.
@@ -115,6 +122,7 @@ fn any<L: Lanes>(tracer: &Tracer<'_>, ray: &Ray3, shear: &Shear) -> Option<Hit> 
         mask &= mask - 1;
         if let Some((packet, count)) = child.as_packet() {
             let packet = &tracer.hierarchy.packets[packet];
+            L::prefetch(&packet.triangles);
             let mut passed = lanes.filter(packet, shear) & ((1 << count) - 1);
             while passed != 0 {
                 let lane = passed.trailing_zeros() as usize % WIDTH;
@@ -130,8 +138,18 @@ fn any<L: Lanes>(tracer: &Tracer<'_>, ray: &Ray3, shear: &Shear) -> Option<Hit> 
             }
             index = child.as_node();
             node = &tracer.hierarchy.nodes[index];
+            L::prefetch(&node.children);
             mask = slab.meet(node, limit).1;
         }
+    }
+}
+
+#[inline(always)]
+fn ask<L: Lanes>(tracer: &Tracer<'_>, child: Child) {
+    if let Some((packet, _)) = child.as_packet() {
+        L::prefetch(&tracer.hierarchy.packets[packet]);
+    } else {
+        L::prefetch(&tracer.hierarchy.nodes[child.as_node()]);
     }
 }
 
