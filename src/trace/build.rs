@@ -78,6 +78,11 @@ impl Child {
         if self.0 >> 31 == 1 { Some(((self.0 & 0xfff_ffff) as usize, (self.0 >> 28 & 7) as usize + 1)) } else { None }
     }
 
+    /// Index of the node or packet that this is.
+    pub(super) const fn index(self) -> usize {
+        (self.0 & 0xfff_ffff) as usize
+    }
+
     pub(super) const fn to_bits(self) -> u32 {
         self.0
     }
@@ -114,7 +119,8 @@ impl Packet {
 
     pub(super) fn set(&mut self, lane: usize, corners: [Vec3; 3], triangle: u32) {
         let edge = |k: usize| (corners[k].as_dvec3() - corners[0].as_dvec3()).abs().element_sum();
-        self.margin.0[lane] = (2.0 * edge(1).max(edge(2))).max(LEAST_MARGIN).next_up() as f32 * (1.0 + 4.0 * f32::EPSILON);
+        self.margin.0[lane] =
+            (2.0 * edge(1).max(edge(2))).max(LEAST_MARGIN).next_up() as f32 * (1.0 + 4.0 * f32::EPSILON);
         self.triangles[lane] = triangle;
         for (lanes, p) in self.corners.iter_mut().zip(corners) {
             for (axis, v) in p.to_array().into_iter().enumerate() {
@@ -160,7 +166,14 @@ impl Hierarchy {
         let (mut packets, first_packet) = machine::fill(plan.packets, &Packet::empty());
         let (n, p) = (&mut nodes[first_node..], &mut packets[first_packet..]);
         write(scene, &items, &plan, (n, first_node), (p, first_packet));
-        Self { nodes, packets, root: Child::node(first_node), node_count: plan.nodes, bounds, triangle_count: items.len() }
+        Self {
+            nodes,
+            packets,
+            root: Child::node(first_node),
+            node_count: plan.nodes,
+            bounds,
+            triangle_count: items.len(),
+        }
     }
 
     /// Largest absolute coordinate [m].
@@ -314,7 +327,7 @@ mod tests {
 
     #[test]
     fn children_round_trip() {
-        assert_eq!(Child::packet(0xfff_fffe, 4).as_packet(), Some((0xfff_fffe, 4)));
+        assert_eq!(Child::packet(0xfff_fffe, 8).as_packet(), Some((0xfff_fffe, 8)));
         assert_eq!(Child::packet(0, 1).as_packet(), Some((0, 1)));
         assert!(Child::node(0xfff_ffff).as_packet().is_none());
         assert_eq!(Child::node(77).as_node(), 77);

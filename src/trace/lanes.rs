@@ -3,7 +3,7 @@
 //! [`Lanes`] is what the box test and the filter of the triangle test are written with. [`Portable`] is two 128-bit
 //! vectors, which every x86-64 and arm64 machine has; `avx2` has the other implementation.
 //!
-//! Invariants: every operation is one correctly rounded IEEE operation in each lane, so all implementations agree; they may
+//! Invariants: no traversal depends on more than what all implementations promise. Every operation is one correctly rounded IEEE operation in each lane, so all implementations agree; they may
 //! differ for NaN and for the sign of zero, which decide nothing (see `triangle`, `traverse`). Every method is inlined by
 //! force: an implementation may use instructions that only the outermost function is compiled for.
 
@@ -29,8 +29,9 @@ pub(super) trait Lanes: Copy {
     fn at_most(self, other: Self) -> u32;
     /// A bit for each lane that is below the other one; not for NaN.
     fn below(self, other: Self) -> u32;
-    /// Asks for the cache lines of something that will be read soon.
-    fn prefetch<T>(_at: &T) {}
+    /// Asks for a cache line that will be read soon. Any address will do.
+    #[inline(always)]
+    fn prefetch(_address: usize) {}
 }
 
 /// See the head of this file.

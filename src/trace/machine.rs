@@ -113,12 +113,9 @@ mod avx2 {
         instructions!(plus: _mm256_add_ps, minus: _mm256_sub_ps, times: _mm256_mul_ps, least: _mm256_min_ps, most: _mm256_max_ps);
 
         #[inline(always)]
-        fn prefetch<T>(at: &T) {
-            let first = core::ptr::from_ref(at).cast::<i8>();
-            for line in 0..size_of::<T>().div_ceil(64) {
-                // SAFETY: a prefetch reads nothing, and the address is inside of `at`.
-                unsafe { _mm_prefetch::<_MM_HINT_T0>(first.wrapping_add(64 * line)) };
-            }
+        fn prefetch(address: usize) {
+            // SAFETY: a prefetch reads nothing and faults nowhere.
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(core::ptr::without_provenance(address)) };
         }
 
         #[inline(always)]

@@ -1,13 +1,14 @@
-//! [`Scene`] → [`Tracer`]: what a ray meets first, and whether two points see each other. obvhs lives only here.
+//! [`Scene`] → [`Tracer`]: what a ray meets first, and whether two points see each other.
 //!
-//! obvhs builds a binary hierarchy (`build`), which is collapsed to eight children per node and walked by our own code
-//! (`traverse`), with a watertight triangle test (`triangle`) and origins that never meet the surface they leave
-//! (`origin`).
+//! `build` makes a hierarchy of eight boxes per node (cut by `split`), `traverse` walks it with a `stack`, `triangle`
+//! decides watertightly what is met, `origin` finds starts of rays that never meet the surface they leave. `lanes` are
+//! the eight-fold numbers of all that, `machine` has their AVX2 kind, chosen once per [`Tracer`].
 //!
 //! Invariants:
 //! * [`Tracer::closest_hit`] and [`Tracer::occluded`] accept exactly the same hits, so one is the other's existence;
-//! * a ray's answer depends on the scene and the ray alone: not on threads, other rays, or the machine (no fused
-//!   multiply-add, no CPU dispatch);
+//! * a ray's answer depends on the scene and the ray alone: not on threads, other rays, or the machine. What is done in
+//!   f32 lanes only refuses what f64 would refuse; what is left is decided in f64 without fused multiply-add, the same way
+//!   on every CPU;
 //! * a ray that is not finite, has no direction, or a `t_max` that is not above zero, meets nothing.
 //!
 //! Limits: 2²⁸ triangles; further ones are not seen. Distances are f32: surfaces closer to each other than one part in

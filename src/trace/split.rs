@@ -58,10 +58,15 @@ impl Bounds {
     }
 
     pub(super) fn of(items: &[Item]) -> Self {
-        fold(items, Self::EMPTY, |mut b, i| {
-            b.include(i.min.into(), i.max.into());
-            b
-        }, Self::and)
+        fold(
+            items,
+            Self::EMPTY,
+            |mut b, i| {
+                b.include(i.min.into(), i.max.into());
+                b
+            },
+            Self::and,
+        )
     }
 }
 
@@ -73,7 +78,12 @@ impl Item {
 }
 
 /// A fold in parallel; `join` must not care for the order.
-fn fold<T: Clone + Send + Sync>(items: &[Item], empty: T, add: impl Fn(T, &Item) -> T + Sync, join: impl Fn(T, T) -> T) -> T {
+fn fold<T: Clone + Send + Sync>(
+    items: &[Item],
+    empty: T,
+    add: impl Fn(T, &Item) -> T + Sync,
+    join: impl Fn(T, T) -> T,
+) -> T {
     if items.len() <= 2 * CHUNK {
         return items.iter().fold(empty, add);
     }

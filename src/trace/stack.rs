@@ -11,7 +11,7 @@ use super::build::WIDTH;
 
 /// Entries before the stack moves to the heap. A node leaves at most seven there, mostly one. More: each ray pays for
 /// the zeros; fewer: allocations.
-const LOCAL: usize = 64;
+const LOCAL: usize = 24;
 
 /// See the head of this file.
 pub(super) struct Stack {
