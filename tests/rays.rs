@@ -367,7 +367,7 @@ fn broken_rays_are_refused() {
             hit
         };
         assert!(met(Vec3::ZERO, Vec3::Z, 2.0) && met(Vec3::ZERO, Vec3::Z, f32::INFINITY));
-        assert!(met(Vec3::ZERO, Vec3::Z * 1e-45, f32::MAX) && met(Vec3::ZERO, Vec3::Z * f32::MAX, 1.0));
+        assert!(met(Vec3::ZERO, Vec3::Z * 1e-38, f32::MAX) && met(Vec3::ZERO, Vec3::Z * f32::MAX, 1.0));
         for v in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             assert!(!met(Vec3::new(0.0, v, 0.0), Vec3::Z, 2.0));
             assert!(!met(Vec3::ZERO, Vec3::new(0.0, v, 1.0), 2.0));

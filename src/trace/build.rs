@@ -18,6 +18,7 @@ use super::lanes::Eight;
 use super::machine;
 use super::split::Bounds;
 use super::split::Item;
+use super::split::halve;
 use super::split::split;
 use crate::base::parallel;
 use crate::scene::Alpha;
@@ -268,10 +269,9 @@ fn open(items: &mut [Item], branch: Branch, scale: f32, depth: usize) -> Vec<Bra
         let b = out[i];
         let start = b.first - branch.first;
         let mine = &mut items[start..start + b.count];
-        let left = if depth < DEEPEST { split(mine, scale) } else { b.count / 2 };
-        let (l, r) = mine.split_at(left);
-        out[i] = Branch { first: b.first, count: left, bounds: Bounds::of(l) };
-        out.insert(i + 1, Branch { first: b.first + left, count: b.count - left, bounds: Bounds::of(r) });
+        let (left, [l, r]) = if depth < DEEPEST { split(mine, scale) } else { halve(mine) };
+        out[i] = Branch { first: b.first, count: left, bounds: l };
+        out.insert(i + 1, Branch { first: b.first + left, count: b.count - left, bounds: r });
     }
     out
 }

@@ -122,9 +122,12 @@ impl Grid {
         [bin(at.x), bin(at.y), bin(at.z)]
     }
 
+    /// The same as `bins` for one axis.
     #[inline]
     fn bin(&self, item: &Item, axis: usize) -> usize {
-        self.bins(item)[axis]
+        let centre = item.min[axis] * 0.5 + item.max[axis] * 0.5;
+        let at = (centre - self.low[axis]) * self.per_unit[axis];
+        (at as i32).clamp(0, self.last) as usize
     }
 }
 
@@ -199,8 +202,8 @@ impl Bins {
     }
 }
 
-/// Reorders at least two items and returns how many belong to the left side. `scale` brings areas near 1.
-pub(super) fn split(items: &mut [Item], scale: f32) -> usize {
+/// Reorders at least two items; how many belong to the left side, and the boxes of both sides. `scale` brings areas near 1.
+pub(super) fn split(items: &mut [Item], scale: f32) -> (usize, [Bounds; 2]) {
     let grid = Grid::new(items);
     let bins = Bins::of(items, &grid);
     let mut best: Option<(f32, usize, usize)> = None;
@@ -212,7 +215,17 @@ pub(super) fn split(items: &mut [Item], scale: f32) -> usize {
         }
     }
     // All centres in one bin: any cut is as good.
-    best.map_or(items.len() / 2, |(_, axis, bin)| partition(items, |item| grid.bin(item, axis) < bin))
+    let Some((_, axis, bin)) = best else { return halve(items) };
+    let left = partition(items, |item| grid.bin(item, axis) < bin);
+    let union = |bounds: &[Bounds]| bounds.iter().fold(Bounds::EMPTY, |a, &b| a.and(b));
+    let (l, r) = bins.bounds[axis].split_at(bin);
+    (left, [union(l), union(r)])
+}
+
+/// Cuts in the middle of the list.
+pub(super) fn halve(items: &[Item]) -> (usize, [Bounds; 2]) {
+    let (l, r) = items.split_at(items.len() / 2);
+    (l.len(), [Bounds::of(l), Bounds::of(r)])
 }
 
 /// Brings the items for which `left` holds to the front; their number.
@@ -243,7 +256,8 @@ mod tests {
     #[test]
     fn two_heaps_are_cut_between_them() {
         let mut items: Vec<_> = (0..40).map(|i| item(if i % 2 == 0 { 0.0 } else { 100.0 }, 1.0, i)).collect();
-        assert_eq!(split(&mut items, 0.01), 20);
+        let (left, [l, r]) = split(&mut items, 0.01);
+        assert_eq!((left, l.max.x, r.min.x), (20, 1.0, 100.0));
         assert!(items[..20].iter().all(|i| i.triangle.is_multiple_of(2)));
         assert!(items[20..].iter().all(|i| !i.triangle.is_multiple_of(2)));
     }
@@ -253,7 +267,7 @@ mod tests {
         for size in [0.0, 1e-38, 1.0, 1e38, f32::MAX] {
             for n in 2..30 {
                 let mut items: Vec<_> = (0..n).map(|i| item(0.0, size, i)).collect();
-                let left = split(&mut items, 1.0);
+                let (left, _) = split(&mut items, 1.0);
                 assert!(left > 0 && left < n as usize, "{size} {n}");
             }
         }
@@ -265,7 +279,7 @@ mod tests {
         let cut = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             let mut items = list.clone();
-            let left = pool.install(|| split(&mut items, 1e-6));
+            let (left, _) = pool.install(|| split(&mut items, 1e-6));
             (left, items.iter().map(|i| i.triangle).collect::<Vec<_>>())
         };
         assert_eq!(cut(1), cut(3));
