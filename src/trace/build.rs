@@ -249,7 +249,7 @@ fn plan(items: &mut [Item], branch: Branch, scale: f32, depth: usize) -> Plan {
         let area = |b: &Branch| b.bounds.area(scale);
         x.is_some().cmp(&y.is_some()).then(area(b).total_cmp(&area(a)))
     });
-    let sum = |f: fn(&Plan) -> usize| children.iter().filter_map(|(_, p)| p.as_ref()).map(f).fold(0, |a, b| a + b);
+    let sum = |f: fn(&Plan) -> usize| children.iter().filter_map(|(_, p)| p.as_ref()).map(f).sum::<usize>();
     let packets = children.iter().filter(|(_, p)| p.is_none()).count() + sum(|p| p.packets);
     Plan { nodes: 1 + sum(|p| p.nodes), packets, children }
 }

@@ -238,12 +238,5 @@ impl<L: Lanes> Slab<L> {
 #[inline(always)]
 fn negative_inverse(unit: f32) -> f32 {
     // Of the two zeros the sign decides which planes are the near ones; either is right.
-    let inverse = -1.0 / unit;
-    if inverse > STEEPEST {
-        STEEPEST
-    } else if inverse < -STEEPEST {
-        -STEEPEST
-    } else {
-        inverse
-    }
+    (-1.0 / unit).clamp(-STEEPEST, STEEPEST)
 }
