@@ -3,9 +3,9 @@
 //! [`Lanes`] is what the box test and the filter of the triangle test are written with. [`Portable`] is two 128-bit
 //! vectors, which every x86-64 and arm64 machine has; `avx2` has the other implementation.
 //!
-//! Invariants: no traversal depends on more than what all implementations promise. Every operation is one correctly rounded IEEE operation in each lane, so all implementations agree; they may
-//! differ for NaN and for the sign of zero, which decide nothing (see `triangle`, `traverse`). Every method is inlined by
-//! force: an implementation may use instructions that only the outermost function is compiled for.
+//! Invariants: every operation is one correctly rounded IEEE operation in each lane, so all implementations agree; they
+//! may differ for NaN and for the sign of zero, which decide nothing (see `triangle`, `traverse`). Every method is inlined
+//! by force: an implementation may use instructions that only the outermost function is compiled for.
 
 use glam::Vec4;
 

@@ -87,11 +87,7 @@ fn closest<L: Lanes>(tracer: &Tracer<'_>, ray: &Ray3, shear: &Shear) -> Option<H
             let node = &tracer.hierarchy.nodes[child.as_node()];
             L::prefetch(node.children.as_ptr().addr());
             let (near, mask) = slab.meet(node, L::splat(limit));
-            let mut later = mask & mask.wrapping_sub(1);
-            while later != 0 {
-                prefetch::<L>(tracer, node.children[later.trailing_zeros() as usize % WIDTH]);
-                later &= later - 1;
-            }
+            prefetch_later::<L>(tracer, node, mask);
             if mask != 0 {
                 child = stack.push_all_but_nearest(node, &near.store().0, mask);
                 continue;
@@ -139,7 +135,18 @@ fn any<L: Lanes>(tracer: &Tracer<'_>, ray: &Ray3, shear: &Shear) -> Option<Hit> 
             node = &tracer.hierarchy.nodes[index];
             L::prefetch(node.children.as_ptr().addr());
             mask = slab.meet(node, limit).1;
+            prefetch_later::<L>(tracer, node, mask);
         }
+    }
+}
+
+/// Asks for all children in `mask` but the lowest, which is needed at once.
+#[inline(always)]
+fn prefetch_later<L: Lanes>(tracer: &Tracer<'_>, node: &Node, mask: u32) {
+    let mut later = mask & mask.wrapping_sub(1);
+    while later != 0 {
+        prefetch::<L>(tracer, node.children[later.trailing_zeros() as usize % WIDTH]);
+        later &= later - 1;
     }
 }
 
