@@ -356,6 +356,32 @@ fn broken_and_degenerate_input_is_left_out() {
 }
 
 #[test]
+fn broken_rays_are_refused() {
+    let scene =
+        scene_from_triangles(&[[Vec3::new(-1.0, -1.0, 1.0), Vec3::new(3.0, -1.0, 1.0), Vec3::new(-1.0, 3.0, 1.0)]]);
+    for tracer in [Tracer::new(&scene), Tracer::new(&scene).portable()] {
+        let met = |origin: Vec3, direction: Vec3, t_max: f32| {
+            let ray = Ray { origin, direction, t_max };
+            let hit = tracer.closest_hit(&ray).is_some();
+            assert_eq!(hit, tracer.occluded(&ray));
+            hit
+        };
+        assert!(met(Vec3::ZERO, Vec3::Z, 2.0) && met(Vec3::ZERO, Vec3::Z, f32::INFINITY));
+        assert!(met(Vec3::ZERO, Vec3::Z * 1e-38, f32::MAX) && met(Vec3::ZERO, Vec3::Z * f32::MAX, 1.0));
+        for v in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            assert!(!met(Vec3::new(0.0, v, 0.0), Vec3::Z, 2.0));
+            assert!(!met(Vec3::ZERO, Vec3::new(0.0, v, 1.0), 2.0));
+            assert!(tracer.segment_clear(Vec3::ZERO, Vec3::new(0.0, v, 2.0)));
+        }
+        for t_max in [f32::NAN, 0.0, -1.0, f32::NEG_INFINITY] {
+            assert!(!met(Vec3::ZERO, Vec3::Z, t_max));
+        }
+        assert!(!met(Vec3::ZERO, Vec3::ZERO, 2.0));
+        assert!(!tracer.segment_clear(Vec3::ZERO, Vec3::Z * 2.0) && tracer.segment_clear(Vec3::ZERO, Vec3::ZERO));
+    }
+}
+
+#[test]
 fn empty_scenes_meet_nothing() {
     let scene = Scene::default();
     let tracer = Tracer::new(&scene);
@@ -427,6 +453,24 @@ fn the_same_bytes_from_any_number_of_threads() {
         .collect();
     assert!(results[0].0.iter().filter(|&&v| v != u64::MAX).count() > 15_000);
     assert!(results.windows(2).all(|w| w[0] == w[1]));
+}
+
+/// What the CPU offers changes the speed only: every hit has the same bits without it.
+#[test]
+fn the_same_bytes_on_any_cpu() {
+    for (shape, rotation) in [(soup(60_000, 0.06, 5), skew()), (room(5), DMat3::IDENTITY), (blob(30, 0.1), skew())] {
+        let triangles = place(&shape, rotation, 1.0, DVec3::ZERO);
+        let scene = scene_from_triangles(&triangles);
+        let (fast, portable) = (Tracer::new(&scene), Tracer::new(&scene).portable());
+        assert_eq!(answers(&fast, 60_000), answers(&portable, 60_000));
+        let mut s = stream(40);
+        for _ in 0..60_000 {
+            let ray = random_ray(&mut s, 1.0, DVec3::ZERO);
+            assert_eq!(fast.occluded(&ray), portable.occluded(&ray), "{ray:?}");
+            let end = ray.origin + ray.direction;
+            assert_eq!(fast.segment_clear(ray.origin, end), portable.segment_clear(ray.origin, end), "{ray:?}");
+        }
+    }
 }
 
 #[test]

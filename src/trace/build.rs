@@ -1,45 +1,57 @@
-//! Builds the hierarchy: obvhs's binary tree, collapsed to nodes of eight boxes and packets of four triangles.
+//! Builds the hierarchy: nodes of eight boxes and packets of eight triangles.
 //!
-//! In: [`Scene`]. Out: [`Hierarchy`], node 0 is the root.
+//! In: [`Scene`]. Out: [`Hierarchy`], and its root node. Two steps: `plan` decides what is below what, cut by cut (see
+//! `split`); `write` copies that into nodes and packets, depth first, so that what is near in space is near in memory.
 //!
-//! Source: obvhs 0.4.0, preset "medium" (parallel locally-ordered clustering, Meister and Bittner 2018, and parallel
-//! reinsertion, Meister and Bittner 2017); greedy collapse after Wald, Benthin, Boulos, "Getting rid of packets", 2008,
-//! §3: the child with the largest area is opened until eight are there.
+//! Source: Wald, Benthin, Boulos, "Getting rid of packets", 2008, §3: of the children of a node the one with the largest
+//! area is cut until eight are there. Where we differ, and why: children with triangles come first, then by falling area:
+//! the order in which a ray that asks for any hit should look.
 //!
-//! obvhs sees boxes scaled to the unit cube, so that neither a huge nor a tiny scene overflows its areas; only its
-//! topology is used. Our boxes are computed from the triangles, one f32 step larger on each side, and at least 2⁻⁴⁰ of
-//! the largest coordinate: so no box is flat, no point of a triangle lies on the border of its box, and the rounding of
-//! the double-precision triangle test (2⁻⁵³ of the distance) cannot put a hit outside of the box. See `traverse`.
+//! Boxes are one f32 step larger than their triangles on each side, and at least 2⁻⁴⁰ of the largest coordinate: so no
+//! box is flat, no point of a triangle lies on the border of its box, and the rounding of the double-precision triangle
+//! test (2⁻⁵³ of the distance) cannot put a hit outside of the box. See `traverse`.
 //!
-//! Invariants: every triangle with area and finite corners is in exactly one packet; no recursion, so a degenerate tree
-//! cannot overflow the stack. Limit: 2²⁸ triangles.
+//! Invariants: every triangle with area and finite corners is in exactly one packet; the same bytes at every thread count;
+//! recursion is at most [`DEEPEST`] and the logarithm of the number of triangles deep. Limit: 2²⁸ triangles.
 
+use super::lanes::Eight;
+use super::machine;
+use super::split::Bounds;
+use super::split::Item;
+use super::split::halve;
+use super::split::split;
 use crate::base::parallel;
 use crate::scene::Alpha;
 use crate::scene::Scene;
-use core::time::Duration;
-use glam::{DVec3, Vec3, Vec3A, Vec4};
-use obvhs::BvhBuildParams;
-use obvhs::aabb::Aabb;
-use obvhs::bvh2::Bvh2;
-use obvhs::bvh2::builder::build_bvh2;
+use core::mem::take;
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 
 /// Children of a node.
 pub(super) const WIDTH: usize = 8;
-/// Triangles of a packet: the lanes of a 128-bit register, which every x86-64 and arm64 machine has.
-pub(super) const LANES: usize = 4;
+/// Triangles of a packet.
+pub(super) const LANES: usize = 8;
 /// More would not fit into [`Child`].
 const MAX_TRIANGLES: usize = 1 << 28;
 /// Boxes grow by this part of the largest coordinate. Larger: thin boxes overlap; smaller: below the error of the
 /// triangle test once an origin is far outside of the scene.
 const PAD: f32 = 1.0 / (1u64 << 40) as f32;
 
+/// From this depth on, nodes are cut in the middle, so that no scene makes the tree a chain. Reached by nothing but
+/// scenes made for it.
+const DEEPEST: usize = 48;
+/// Triangles below which a subtree is not worth a task.
+const TASK: usize = 1 << 12;
+
+/// Smallest `Packet::margin` [m]: see `ShearLanes::filter`.
+const LEAST_MARGIN: f64 = 1.0 / (1u64 << 50) as f64;
+
 /// Eight boxes and what is in them. Four whole cache lines.
 #[derive(Clone)]
 #[repr(align(64))]
 pub(super) struct Node {
     /// By axis, then smallest and largest coordinate, then four children each. Empty: +∞ and −∞, which no ray meets.
-    pub(super) bounds: [[[Vec4; 2]; 2]; 3],
+    pub(super) bounds: [[Eight; 2]; 3],
     /// What is in each box.
     pub(super) children: [Child; WIDTH],
 }
@@ -47,24 +59,37 @@ pub(super) struct Node {
 /// Index of a node, or index of a packet with the number of its triangles.
 ///
 /// Bit 31: packet; then bits 28 to 30 hold the number of triangles, bits 0 to 27 the index.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Default)]
 pub(super) struct Child(u32);
 
 impl Child {
-    const fn node(index: usize) -> Self {
+    pub(super) const fn node(index: usize) -> Self {
         Self(index as u32)
     }
 
     const fn packet(index: usize, count: usize) -> Self {
-        Self(1 << 31 | (count as u32) << 28 | index as u32)
+        Self(1 << 31 | (count as u32 - 1) << 28 | index as u32)
     }
 
-    /// The root node.
-    pub(super) const ROOT: Self = Self::node(0);
+    /// What is nowhere.
+    const NONE: Self = Self::node(0);
 
     /// `(packet, number of triangles in it)`, or `None` for a node.
     pub(super) const fn as_packet(self) -> Option<(usize, usize)> {
-        if self.0 >> 31 == 1 { Some(((self.0 & 0xfff_ffff) as usize, (self.0 >> 28 & 7) as usize)) } else { None }
+        if self.0 >> 31 == 1 { Some(((self.0 & 0xfff_ffff) as usize, (self.0 >> 28 & 7) as usize + 1)) } else { None }
+    }
+
+    /// Index of the node or packet that this is.
+    pub(super) const fn index(self) -> usize {
+        (self.0 & 0xfff_ffff) as usize
+    }
+
+    pub(super) const fn to_bits(self) -> u32 {
+        self.0
+    }
+
+    pub(super) const fn from_bits(bits: u32) -> Self {
+        Self(bits)
     }
 
     /// Index of the node that this is.
@@ -78,7 +103,9 @@ impl Child {
 #[repr(align(64))]
 pub(super) struct Packet {
     /// By corner, then axis, then triangle; in metres.
-    pub(super) corners: [[Vec4; 3]; 3],
+    pub(super) corners: [[Eight; 3]; 3],
+    /// Twice the larger 1-norm of the edges at corner 0 [m].
+    pub(super) margin: Eight,
     /// Triangle indices; [`Packet::TRANSPARENT`] is set where the material is not opaque.
     pub(super) triangles: [u32; LANES],
 }
@@ -86,6 +113,22 @@ pub(super) struct Packet {
 impl Packet {
     /// Flag in `triangles`: ask the scene for the opacity.
     pub(super) const TRANSPARENT: u32 = 1 << 31;
+
+    pub(super) fn empty() -> Self {
+        Self { corners: [[Eight::default(); 3]; 3], margin: Eight::default(), triangles: [0; LANES] }
+    }
+
+    pub(super) fn set(&mut self, lane: usize, corners: [Vec3; 3], triangle: u32) {
+        let edge = |k: usize| (corners[k].as_dvec3() - corners[0].as_dvec3()).abs().element_sum();
+        self.margin.0[lane] =
+            (2.0 * edge(1).max(edge(2))).max(LEAST_MARGIN).next_up() as f32 * (1.0 + 4.0 * f32::EPSILON);
+        self.triangles[lane] = triangle;
+        for (lanes, p) in self.corners.iter_mut().zip(corners) {
+            for (axis, v) in p.to_array().into_iter().enumerate() {
+                lanes[axis].0[lane] = v;
+            }
+        }
+    }
 }
 
 /// The finished hierarchy.
@@ -93,6 +136,9 @@ impl Packet {
 pub(super) struct Hierarchy {
     /// Empty if there is no triangle.
     pub(super) nodes: Vec<Node>,
+    /// Where the nodes begin.
+    pub(super) root: Child,
+    pub(super) node_count: usize,
     /// What `Child::packet` points to.
     pub(super) packets: Vec<Packet>,
     /// Smallest and largest coordinates, unpadded [m].
@@ -101,29 +147,34 @@ pub(super) struct Hierarchy {
     pub(super) triangle_count: usize,
 }
 
-/// A triangle on its way into the hierarchy.
-struct Item {
-    triangle: u32,
-    min: Vec3,
-    max: Vec3,
-}
-
 impl Hierarchy {
     pub(super) fn new(scene: &Scene) -> Self {
         let mut items = usable(scene);
         if items.is_empty() {
             return Self::default();
         }
-        let bounds = items.iter().fold((items[0].min, items[0].max), |b, i| (b.0.min(i.min), b.1.max(i.max)));
+        let bounds = Bounds::of(&items);
+        let bounds = (Vec3::from(bounds.min), Vec3::from(bounds.max));
         let pad = PAD * bounds.0.abs().max(bounds.1.abs()).max_element();
-        for item in &mut items {
+        items.par_iter_mut().for_each(|item| {
             item.min = Vec3::from_array((item.min - pad).to_array().map(f32::next_down)).max(Vec3::MIN);
             item.max = Vec3::from_array((item.max + pad).to_array().map(f32::next_up)).min(Vec3::MAX);
+        });
+        let extent = (bounds.1 - bounds.0).max_element();
+        let branch = Branch { first: 0, count: items.len(), bounds: Bounds::of(&items) };
+        let plan = plan(&mut items, branch, 1.0 / extent, 0);
+        let (mut nodes, first_node) = machine::fill(plan.nodes, &Node::empty());
+        let (mut packets, first_packet) = machine::fill(plan.packets, &Packet::empty());
+        let (n, p) = (&mut nodes[first_node..], &mut packets[first_packet..]);
+        write(scene, &items, &plan, (n, first_node), (p, first_packet));
+        Self {
+            nodes,
+            packets,
+            root: Child::node(first_node),
+            node_count: plan.nodes,
+            bounds,
+            triangle_count: items.len(),
         }
-        let tree = binary_tree(&items, bounds);
-        let mut collapse = Collapse::new(scene, &items, &tree);
-        collapse.run();
-        Self { nodes: collapse.nodes, packets: collapse.packets, bounds, triangle_count: items.len() }
     }
 
     /// Largest absolute coordinate [m].
@@ -141,7 +192,7 @@ fn usable(scene: &Scene) -> Vec<Item> {
     let chunks = parallel::map_chunks(scene.triangles.len().min(MAX_TRIANGLES), 1 << 14, |range| {
         range.filter_map(|i| item(scene, i as u32)).collect::<Vec<_>>()
     });
-    chunks.into_iter().flatten().collect()
+    chunks.concat()
 }
 
 fn item(scene: &Scene, triangle: u32) -> Option<Item> {
@@ -153,202 +204,118 @@ fn item(scene: &Scene, triangle: u32) -> Option<Item> {
     if (b - a).cross(c - a) == DVec3::ZERO {
         return None;
     }
-    let min = corners[0].min(corners[1]).min(corners[2]);
-    let max = corners[0].max(corners[1]).max(corners[2]);
-    Some(Item { triangle, min, max })
+    let opaque = scene.material(triangle).alpha == Alpha::Opaque;
+    Some(Item {
+        triangle,
+        min: corners[0].min(corners[1]).min(corners[2]),
+        max: corners[0].max(corners[1]).max(corners[2]),
+        flags: if opaque { 0 } else { Packet::TRANSPARENT },
+    })
 }
 
-fn binary_tree(items: &[Item], bounds: (Vec3, Vec3)) -> Bvh2 {
-    let low = bounds.0.as_dvec3();
-    let scale = 1.0 / (bounds.1.as_dvec3() - low).max_element();
-    let unit = |p: Vec3| Vec3A::from(((p.as_dvec3() - low) * scale).as_vec3());
-    let boxes: Vec<Aabb> = parallel::map(items.len(), |i| Aabb::new(unit(items[i].min), unit(items[i].max)));
-    build_bvh2(&boxes, BvhBuildParams::medium_build(), &mut Duration::default())
+/// A run of items and the box around them.
+#[derive(Clone, Copy)]
+struct Branch {
+    first: usize,
+    count: usize,
+    bounds: Bounds,
 }
 
-/// The state of the collapse.
-struct Collapse<'a> {
-    scene: &'a Scene,
-    items: &'a [Item],
-    tree: &'a Bvh2,
-    /// Number of triangles below each node of the tree.
-    counts: Vec<u32>,
-    /// Box of each node of the tree.
-    boxes: Vec<(Vec3, Vec3)>,
-    nodes: Vec<Node>,
-    packets: Vec<Packet>,
+/// What will be a node.
+struct Plan {
+    children: Vec<(Branch, Option<Self>)>,
+    /// Number of nodes from here on down, this one included, and of packets.
+    nodes: usize,
+    packets: usize,
 }
 
-impl<'a> Collapse<'a> {
-    fn new(scene: &'a Scene, items: &'a [Item], tree: &'a Bvh2) -> Self {
-        let n = tree.nodes.len();
-        let mut this = Self {
-            scene,
-            items,
-            tree,
-            counts: vec![0; n],
-            boxes: vec![(Vec3::INFINITY, Vec3::NEG_INFINITY); n],
-            nodes: Vec::new(),
-            packets: Vec::new(),
-        };
-        this.measure();
-        this
+/// Plans the node for a branch and all below. `items` are those of the branch.
+fn plan(items: &mut [Item], branch: Branch, scale: f32, depth: usize) -> Plan {
+    let branches = open(items, branch, scale, depth);
+    let mut rest = items;
+    let mut jobs = Vec::with_capacity(WIDTH);
+    for b in branches {
+        let (mine, others) = rest.split_at_mut(b.count);
+        rest = others;
+        jobs.push((mine, b));
     }
-
-    /// Counts and boxes, children before parents.
-    fn measure(&mut self) {
-        let mut order = Vec::with_capacity(self.tree.nodes.len());
-        let mut pending = vec![0];
-        while let Some(n) = pending.pop() {
-            order.push(n);
-            if let Some(children) = self.children(n) {
-                pending.extend(children);
-            }
-        }
-        for &n in order.iter().rev() {
-            let union = |a: (Vec3, Vec3), b: (Vec3, Vec3)| (a.0.min(b.0), a.1.max(b.1));
-            if let Some([l, r]) = self.children(n) {
-                self.counts[n] = self.counts[l] + self.counts[r];
-                self.boxes[n] = union(self.boxes[l], self.boxes[r]);
-            } else {
-                let leaf = self.leaf(n);
-                self.counts[n] = leaf.len() as u32;
-                self.boxes[n] = leaf
-                    .iter()
-                    .map(|&i| (self.items[i as usize].min, self.items[i as usize].max))
-                    .fold(self.boxes[n], union);
-            }
-        }
-    }
-
-    fn children(&self, node: usize) -> Option<[usize; 2]> {
-        let n = &self.tree.nodes[node];
-        let first = n.first_index as usize;
-        (n.prim_count == 0).then_some([first, first + 1])
-    }
-
-    fn leaf(&self, node: usize) -> &'a [u32] {
-        let n = &self.tree.nodes[node];
-        let first = n.first_index as usize;
-        &self.tree.primitive_indices[first..first + n.prim_count as usize]
-    }
-
-    fn run(&mut self) {
-        self.nodes.push(Node::empty());
-        let mut pending = vec![(Branch::Tree(0), 0)];
-        while let Some((branch, at)) = pending.pop() {
-            for (slot, child) in self.open(branch).into_iter().enumerate() {
-                let (count, bounds) = self.extent(&child);
-                let reference = if count <= LANES {
-                    let items = self.gather(&child);
-                    self.packets.push(self.packet(&items));
-                    Child::packet(self.packets.len() - 1, items.len())
-                } else {
-                    self.nodes.push(Node::empty());
-                    pending.push((child, self.nodes.len() - 1));
-                    Child::node(self.nodes.len() - 1)
-                };
-                self.nodes[at].set(slot, bounds, reference);
-            }
-        }
-        self.nodes.shrink_to_fit();
-        self.packets.shrink_to_fit();
-    }
-
-    /// At most eight branches that together are the given one.
-    fn open(&self, branch: Branch<'a>) -> Vec<Branch<'a>> {
-        let mut out = vec![branch];
-        while out.len() < WIDTH {
-            let mut largest = None;
-            for (i, b) in out.iter().enumerate() {
-                let (count, (min, max)) = self.extent(b);
-                let e = (max - min).as_dvec3();
-                let area = e.x * e.y + e.y * e.z + e.z * e.x;
-                if count > LANES && largest.is_none_or(|(a, _)| area > a) {
-                    largest = Some((area, i));
-                }
-            }
-            let Some((_, i)) = largest else { break };
-            let [l, r] = match out.remove(i) {
-                Branch::Tree(n) => match self.children(n) {
-                    Some([l, r]) => [Branch::Tree(l), Branch::Tree(r)],
-                    None => halves(self.leaf(n)),
-                },
-                Branch::Items(items) => halves(items),
-            };
-            out.extend([l, r]);
-        }
-        out
-    }
-
-    fn extent(&self, branch: &Branch<'_>) -> (usize, (Vec3, Vec3)) {
-        match branch {
-            Branch::Tree(n) => (self.counts[*n] as usize, self.boxes[*n]),
-            Branch::Items(items) => {
-                let corners = items.iter().map(|&i| &self.items[i as usize]);
-                let empty = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-                (items.len(), corners.fold(empty, |b, i| (b.0.min(i.min), b.1.max(i.max))))
-            }
-        }
-    }
-
-    /// The items below a branch with few of them.
-    fn gather(&self, branch: &Branch<'_>) -> Vec<u32> {
-        let mut items = Vec::with_capacity(LANES);
-        let mut pending = match branch {
-            Branch::Tree(n) => vec![*n],
-            Branch::Items(list) => {
-                items.extend_from_slice(list);
-                vec![]
-            }
-        };
-        while let Some(n) = pending.pop() {
-            match self.children(n) {
-                Some([l, r]) => pending.extend([r, l]),
-                None => items.extend_from_slice(self.leaf(n)),
-            }
-        }
-        items
-    }
-
-    fn packet(&self, items: &[u32]) -> Packet {
-        let mut corners = [[[0.0; LANES]; 3]; 3];
-        let mut triangles = [0; LANES];
-        for (lane, &i) in items.iter().enumerate() {
-            let triangle = self.items[i as usize].triangle;
-            let opaque = self.scene.material(triangle).alpha == Alpha::Opaque;
-            triangles[lane] = if opaque { triangle } else { triangle | Packet::TRANSPARENT };
-            for (corner, p) in self.scene.corners(triangle).iter().enumerate() {
-                for axis in 0..3 {
-                    corners[corner][axis][lane] = p[axis];
-                }
-            }
-        }
-        Packet { corners: corners.map(|c| c.map(Vec4::from_array)), triangles }
-    }
+    let below = |(items, b): (&mut [Item], Branch)| (b, (b.count > LANES).then(|| plan(items, b, scale, depth + 1)));
+    let mut children: Vec<_> = if branch.count > TASK {
+        jobs.into_par_iter().map(below).collect()
+    } else {
+        jobs.into_iter().map(below).collect()
+    };
+    children.sort_by(|(a, x), (b, y)| {
+        let area = |b: &Branch| b.bounds.area(scale);
+        x.is_some().cmp(&y.is_some()).then(area(b).total_cmp(&area(a)))
+    });
+    let sum = |f: fn(&Plan) -> usize| children.iter().filter_map(|(_, p)| p.as_ref()).map(f).sum::<usize>();
+    let packets = children.iter().filter(|(_, p)| p.is_none()).count() + sum(|p| p.packets);
+    Plan { nodes: 1 + sum(|p| p.nodes), packets, children }
 }
 
-/// Part of the binary tree: a node, or a run of the triangles of a leaf that is too large for a packet.
-enum Branch<'a> {
-    Tree(usize),
-    Items(&'a [u32]),
+/// At most eight branches that together are the given one, in the order of their items.
+fn open(items: &mut [Item], branch: Branch, scale: f32, depth: usize) -> Vec<Branch> {
+    let mut out = vec![branch];
+    while out.len() < WIDTH {
+        let mut largest: Option<(f32, usize)> = None;
+        for (i, b) in out.iter().enumerate().filter(|(_, b)| b.count > LANES) {
+            let area = b.bounds.area(scale);
+            if largest.is_none_or(|(a, _)| area > a) {
+                largest = Some((area, i));
+            }
+        }
+        let Some((_, i)) = largest else { break };
+        let b = out[i];
+        let start = b.first - branch.first;
+        let mine = &mut items[start..start + b.count];
+        let (left, [l, r]) = if depth < DEEPEST { split(mine, scale) } else { halve(mine) };
+        out[i] = Branch { first: b.first, count: left, bounds: l };
+        out.insert(i + 1, Branch { first: b.first + left, count: b.count - left, bounds: r });
+    }
+    out
 }
 
-fn halves(items: &[u32]) -> [Branch<'_>; 2] {
-    let (l, r) = items.split_at(items.len() / 2);
-    [Branch::Items(l), Branch::Items(r)]
+/// Fills exactly the nodes and packets of a plan; with each slice comes the index of its first element in the whole.
+fn write(scene: &Scene, items: &[Item], plan: &Plan, nodes: (&mut [Node], usize), packets: (&mut [Packet], usize)) {
+    let (Some((node, mut node_rest)), mut node_index) = (nodes.0.split_first_mut(), nodes.1 + 1) else { return };
+    let (mut packet_rest, mut packet_index) = packets;
+    let mut jobs = Vec::with_capacity(WIDTH);
+    for (slot, (branch, below)) in plan.children.iter().enumerate() {
+        if let Some(below) = below {
+            node.set(slot, &branch.bounds, Child::node(node_index));
+            let (n, n_rest) = take(&mut node_rest).split_at_mut(below.nodes);
+            let (p, p_rest) = take(&mut packet_rest).split_at_mut(below.packets);
+            (node_rest, packet_rest) = (n_rest, p_rest);
+            jobs.push((below, (n, node_index), (p, packet_index)));
+            node_index += below.nodes;
+            packet_index += below.packets;
+        } else if let Some((packet, p_rest)) = take(&mut packet_rest).split_first_mut() {
+            node.set(slot, &branch.bounds, Child::packet(packet_index, branch.count));
+            for (lane, item) in items[branch.first..branch.first + branch.count].iter().enumerate() {
+                packet.set(lane, scene.corners(item.triangle), item.triangle | item.flags);
+            }
+            packet_rest = p_rest;
+            packet_index += 1;
+        }
+    }
+    if plan.packets > TASK / LANES {
+        jobs.into_par_iter().for_each(|(below, n, p)| write(scene, items, below, n, p));
+    } else {
+        jobs.into_iter().for_each(|(below, n, p)| write(scene, items, below, n, p));
+    }
 }
 
 impl Node {
-    fn empty() -> Self {
-        let side = [[Vec4::INFINITY; 2], [Vec4::NEG_INFINITY; 2]];
-        Self { bounds: [side; 3], children: [Child::ROOT; WIDTH] }
+    pub(super) fn empty() -> Self {
+        let side = [Eight([f32::INFINITY; WIDTH]), Eight([f32::NEG_INFINITY; WIDTH])];
+        Self { bounds: [side; 3], children: [Child::NONE; WIDTH] }
     }
 
-    fn set(&mut self, slot: usize, bounds: (Vec3, Vec3), child: Child) {
+    fn set(&mut self, slot: usize, bounds: &Bounds, child: Child) {
         for axis in 0..3 {
-            self.bounds[axis][0][slot / 4][slot % 4] = bounds.0[axis];
-            self.bounds[axis][1][slot / 4][slot % 4] = bounds.1[axis];
+            self.bounds[axis][0].0[slot] = bounds.min[axis];
+            self.bounds[axis][1].0[slot] = bounds.max[axis];
         }
         self.children[slot] = child;
     }
@@ -360,7 +327,7 @@ mod tests {
 
     #[test]
     fn children_round_trip() {
-        assert_eq!(Child::packet(0xfff_fffe, 4).as_packet(), Some((0xfff_fffe, 4)));
+        assert_eq!(Child::packet(0xfff_fffe, 8).as_packet(), Some((0xfff_fffe, 8)));
         assert_eq!(Child::packet(0, 1).as_packet(), Some((0, 1)));
         assert!(Child::node(0xfff_ffff).as_packet().is_none());
         assert_eq!(Child::node(77).as_node(), 77);
@@ -369,6 +336,6 @@ mod tests {
     #[test]
     fn nodes_and_packets_are_whole_cache_lines() {
         assert_eq!((size_of::<Node>(), align_of::<Node>()), (256, 64));
-        assert_eq!((size_of::<Packet>(), align_of::<Packet>()), (192, 64));
+        assert_eq!((size_of::<Packet>(), align_of::<Packet>()), (384, 64));
     }
 }

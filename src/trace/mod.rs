@@ -1,27 +1,33 @@
-//! [`Scene`] → [`Tracer`]: what a ray meets first, and whether two points see each other. obvhs lives only here.
+//! [`Scene`] → [`Tracer`]: what a ray meets first, and whether two points see each other.
 //!
-//! obvhs builds a binary hierarchy (`build`), which is collapsed to eight children per node and walked by our own code
-//! (`traverse`), with a watertight triangle test (`triangle`) and origins that never meet the surface they leave
-//! (`origin`).
+//! `build` makes a hierarchy of eight boxes per node (cut by `split`), `traverse` walks it with a `stack`, `triangle`
+//! decides watertightly what is met, `origin` finds starts of rays that never meet the surface they leave. `lanes` are
+//! the eight-fold numbers of all that, `machine` has their AVX2 kind, chosen once per [`Tracer`].
 //!
 //! Invariants:
 //! * [`Tracer::closest_hit`] and [`Tracer::occluded`] accept exactly the same hits, so one is the other's existence;
-//! * a ray's answer depends on the scene and the ray alone: not on threads, other rays, or the machine (no fused
-//!   multiply-add, no CPU dispatch);
+//! * a ray's answer depends on the scene and the ray alone: not on threads, other rays, or the machine. What is done in
+//!   f32 lanes only refuses what f64 would refuse; what is left is decided in f64 without fused multiply-add, the same way
+//!   on every CPU;
 //! * a ray that is not finite, has no direction, or a `t_max` that is not above zero, meets nothing.
 //!
 //! Limits: 2²⁸ triangles; further ones are not seen. Distances are f32: surfaces closer to each other than one part in
 //! 2²⁴ of the ray's length count as equally far.
 
 mod build;
+mod lanes;
+mod machine;
 mod origin;
+mod split;
+mod stack;
 mod traverse;
 mod triangle;
 
 use crate::scene::Scene;
 use build::Hierarchy;
 use glam::{DVec3, Vec2, Vec3};
-use traverse::Query;
+use lanes::Portable;
+use traverse::traverse;
 
 /// A half line or segment.
 #[derive(Debug, Clone, Copy)]
@@ -60,6 +66,24 @@ pub struct Line {
 pub struct Tracer<'a> {
     scene: &'a Scene,
     hierarchy: Hierarchy,
+    /// The machine has AVX2.
+    #[cfg(target_arch = "x86_64")]
+    avx2: Option<machine::Avx2>,
+}
+
+/// A [`Ray`] with a direction in double precision.
+#[derive(Clone, Copy)]
+struct Ray3 {
+    origin: Vec3,
+    direction: DVec3,
+    t_max: f32,
+}
+
+impl From<&Ray> for Ray3 {
+    #[inline]
+    fn from(ray: &Ray) -> Self {
+        Self { origin: ray.origin, direction: ray.direction.as_dvec3(), t_max: ray.t_max }
+    }
 }
 
 impl<'a> Tracer<'a> {
@@ -67,7 +91,22 @@ impl<'a> Tracer<'a> {
     /// without area or with a coordinate that is not finite are left out.
     #[must_use]
     pub fn new(scene: &'a Scene) -> Self {
-        Self { scene, hierarchy: Hierarchy::new(scene) }
+        Self {
+            scene,
+            hierarchy: Hierarchy::new(scene),
+            #[cfg(target_arch = "x86_64")]
+            avx2: machine::Avx2::detect(),
+        }
+    }
+
+    /// The same, without instructions that not every machine of this architecture has; the same answers, bit by bit.
+    #[must_use]
+    pub fn portable(self) -> Self {
+        Self {
+            #[cfg(target_arch = "x86_64")]
+            avx2: None,
+            ..self
+        }
     }
 
     /// The scene that this was built from.
@@ -80,14 +119,13 @@ impl<'a> Tracer<'a> {
     /// Transparent ones are passed with probability 1 − opacity, decided by a hash of the ray and the triangle.
     #[must_use]
     pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
-        let query = Query::new(ray.origin, ray.direction.as_dvec3(), ray.t_max)?;
-        self.traverse::<false>(&query)
+        self.nearest(ray.into())
     }
 
     /// Anything between 0 and `t_max`.
     #[must_use]
     pub fn occluded(&self, ray: &Ray) -> bool {
-        Query::new(ray.origin, ray.direction.as_dvec3(), ray.t_max).is_some_and(|q| self.traverse::<true>(&q).is_some())
+        self.any(ray.into())
     }
 
     /// Nothing lies strictly between two points [m]. For points on surfaces, take both from [`Tracer::origin_on`].
@@ -96,8 +134,25 @@ impl<'a> Tracer<'a> {
     /// end by as much as `origin_on` has pushed it off its surface.
     #[must_use]
     pub fn segment_clear(&self, from: Vec3, to: Vec3) -> bool {
-        let direction: DVec3 = to.as_dvec3() - from.as_dvec3();
-        Query::new(from, direction, 1.0).is_none_or(|q| self.traverse::<true>(&q).is_none())
+        !self.any(Ray3 { origin: from, direction: to.as_dvec3() - from.as_dvec3(), t_max: 1.0 })
+    }
+
+    #[inline]
+    fn nearest(&self, ray: Ray3) -> Option<Hit> {
+        #[cfg(target_arch = "x86_64")]
+        if let Some(avx2) = self.avx2 {
+            return avx2.closest(self, ray);
+        }
+        traverse::<Portable, false>(self, ray)
+    }
+
+    #[inline]
+    fn any(&self, ray: Ray3) -> bool {
+        #[cfg(target_arch = "x86_64")]
+        if let Some(avx2) = self.avx2 {
+            return avx2.any(self, ray);
+        }
+        traverse::<Portable, true>(self, ray).is_some()
     }
 
     /// Origin for a ray that leaves a triangle at `b` toward `direction`: pushed off the surface, to the side that the
@@ -126,7 +181,7 @@ impl<'a> Tracer<'a> {
     /// Number of eight-wide nodes.
     #[must_use]
     pub fn node_count(&self) -> usize {
-        self.hierarchy.nodes.len()
+        self.hierarchy.node_count
     }
 
     /// Memory of the hierarchy [bytes].

@@ -1,9 +1,9 @@
 //! Walks the hierarchy along one ray.
 //!
-//! In: [`Query`]. Out: the nearest hit, or any hit at all.
+//! In: [`Tracer`] and [`Ray3`]. Out: the nearest hit, or any hit at all.
 //!
-//! Source of the box test: Ize, "Robust BVH Ray Traversal", JCGT 2(2), 2013. Distances to the planes of a box have three
-//! roundings each, so the far one is enlarged by [`SLACK`]. Where we differ: reciprocals are clamped to 2¹⁰⁰, so that a
+//! Source of the box test: Ize, "Robust BVH Ray Traversal", JCGT 2(2), 2013. Distances to the planes of a box have four
+//! roundings each, so the far ones are enlarged by [`SLACK`]. Where we differ: reciprocals are clamped to 2¹⁰⁰, so that a
 //! zero component of the direction makes no NaN. That is safe because no triangle reaches the border of its box (see
 //! `build`): for an origin on a triangle's own plane the far plane is at least 2⁻⁴⁰ of the scene away, and 2⁶⁰ scene
 //! sizes off along the ray.
@@ -11,246 +11,239 @@
 //! Distances inside are measured along the largest axis of the direction (`t · scale`), so that directions of any length
 //! work; what is compared and returned is the f32 t.
 //!
+//! Everything up to the entry points in `avx2` and [`super::Tracer`] is inlined by force, so that it is compiled once for
+//! each kind of [`Lanes`].
+//!
 //! Invariants: nothing is culled that could be nearer than the best hit or equally near, so ties go to the smallest
 //! index whatever the order of visits. The stack grows: no depth is too large.
 
 use super::Hit;
+use super::Ray3;
 use super::Tracer;
 use super::build::Child;
-use super::build::LANES;
 use super::build::Node;
 use super::build::Packet;
 use super::build::WIDTH;
+use super::lanes::Lanes;
+use super::stack::Stack;
+use super::triangle::Crossing;
 use super::triangle::Shear;
+use super::triangle::ShearLanes;
 use crate::base::random::Stage;
 use crate::base::random::Stream;
 use crate::base::random::mix;
-use glam::{DVec3, Vec2, Vec3, Vec4};
+use glam::{DVec3, Vec2, Vec3};
 
-/// (1 + ε)³/(1 − ε)³ with ε = 2⁻²⁴ is 1 + 6ε; this is 1 + 16ε.
+/// (1 + ε)⁴/(1 − ε)⁴ with ε = 2⁻²⁴ is 1 + 8ε; this is 1 + 16ε.
 const SLACK: f32 = 1.0 + 1.0 / (1u32 << 20) as f32;
 /// Largest reciprocal of a direction component relative to the largest one.
-const STEEPEST: f64 = (1u128 << 100) as f64;
-/// Entries before the stack moves to the heap. A node leaves at most seven there, mostly one.
-const STACK: usize = 64;
+const STEEPEST: f32 = (1u128 << 100) as f32;
 
-/// A ray, prepared.
-pub(super) struct Query {
-    origin: Vec3,
-    direction: DVec3,
-    t_max: f32,
-    /// Length of the direction along its largest axis.
-    scale: f64,
-    origin_lanes: [Vec4; 3],
-    /// Reciprocal of direction/scale.
-    inverse_lanes: [Vec4; 3],
-    /// Which side of a box the ray enters through, by axis: 0 = smallest coordinate.
-    enter: [usize; 3],
-    shear: Shear,
+/// The nearest hit, or with `ANY` the first one found. `None` also for rays that are not finite, have no direction or no
+/// length.
+#[inline(always)]
+pub(super) fn traverse<L: Lanes, const ANY: bool>(tracer: &Tracer<'_>, ray: Ray3) -> Option<Hit> {
+    // Written so that NaN fails.
+    let valid = ray.origin.is_finite() && ray.direction.is_finite() && ray.t_max > 0.0;
+    if !valid || ray.direction == DVec3::ZERO || tracer.hierarchy.nodes.is_empty() {
+        return None;
+    }
+    let shear = Shear::new(ray.origin, ray.direction);
+    if ANY { any::<L>(tracer, &ray, &shear) } else { closest::<L>(tracer, &ray, &shear) }
 }
 
-impl Query {
-    /// `None` for rays that meet nothing: not finite, no direction, no length.
-    pub(super) fn new(origin: Vec3, direction: DVec3, t_max: f32) -> Option<Self> {
-        let scale = direction.abs().max_element();
-        // Written so that NaN fails.
-        if !(origin.is_finite() && direction.is_finite() && scale > 0.0 && t_max > 0.0) {
-            return None;
-        }
-        let inverse = direction.to_array().map(|d| (scale / d).clamp(-STEEPEST, STEEPEST) as f32);
-        Some(Self {
-            origin,
-            direction,
-            t_max,
-            scale,
-            origin_lanes: origin.to_array().map(Vec4::splat),
-            inverse_lanes: inverse.map(Vec4::splat),
-            enter: inverse.map(|i| usize::from(i < 0.0)),
-            shear: Shear::new(origin, direction),
-        })
-    }
+/// What is known of the nearest hit so far.
+struct Best {
+    /// Hits must be nearer, or equally near with a smaller index.
+    t: f32,
+    /// 0 while there is none: no index is smaller, so a hit at `t_max` is none.
+    triangle: u32,
+    crossing: Option<Crossing>,
+}
 
-    /// Upper bound of the inner distance of hits whose f32 t is `t` or less.
-    fn limit(&self, t: f32) -> f32 {
-        ((f64::from(t) * self.scale) as f32 * SLACK).next_up()
+#[inline(always)]
+fn closest<L: Lanes>(tracer: &Tracer<'_>, ray: &Ray3, shear: &Shear) -> Option<Hit> {
+    let slab = Slab::<L>::new(ray.origin, shear);
+    let lanes = ShearLanes::<L>::new(shear);
+    let mut best = Best { t: ray.t_max, triangle: 0, crossing: None };
+    let mut limit = limit(ray.t_max, shear.scale());
+    let mut stack = Stack::new();
+    let mut child = tracer.hierarchy.root;
+    loop {
+        if let Some((packet, count)) = child.as_packet() {
+            let packet = &tracer.hierarchy.packets[packet];
+            L::prefetch(packet.triangles.as_ptr().addr());
+            let mut mask = lanes.filter(packet, shear) & ((1 << count) - 1);
+            let mut improved = false;
+            while mask != 0 {
+                let lane = mask.trailing_zeros() as usize % WIDTH;
+                mask &= mask - 1;
+                improved |= improve(tracer, ray, shear, packet, lane, &mut best);
+            }
+            if improved {
+                limit = self::limit(best.t, shear.scale());
+            }
+        } else {
+            let node = &tracer.hierarchy.nodes[child.as_node()];
+            L::prefetch(node.children.as_ptr().addr());
+            let (near, mask) = slab.meet(node, L::splat(limit));
+            prefetch_later::<L>(tracer, node, mask);
+            if mask != 0 {
+                child = stack.push_all_but_nearest(node, &near.store().0, mask);
+                continue;
+            }
+        }
+        let Some(next) = stack.pop(limit) else { break };
+        child = next;
+    }
+    best.crossing.map(|c| Hit { triangle: best.triangle, b: c.weights(), t: best.t, front: c.front() })
+}
+
+#[inline(always)]
+fn any<L: Lanes>(tracer: &Tracer<'_>, ray: &Ray3, shear: &Shear) -> Option<Hit> {
+    let slab = Slab::<L>::new(ray.origin, shear);
+    let lanes = ShearLanes::<L>::new(shear);
+    let limit = L::splat(limit(ray.t_max, shear.scale()));
+    let mut stack = Stack::new();
+    let mut index = tracer.hierarchy.root.as_node();
+    let mut node = &tracer.hierarchy.nodes[index];
+    let mut mask = slab.meet(node, limit).1;
+    loop {
+        // Children are in a good order already (see `build`): the next one is the lowest bit.
+        while mask == 0 {
+            (index, mask) = stack.pop_rest()?;
+            node = &tracer.hierarchy.nodes[index];
+        }
+        let child = node.children[mask.trailing_zeros() as usize % WIDTH];
+        mask &= mask - 1;
+        if let Some((packet, count)) = child.as_packet() {
+            let packet = &tracer.hierarchy.packets[packet];
+            let mut passed = lanes.filter(packet, shear) & ((1 << count) - 1);
+            while passed != 0 {
+                let lane = passed.trailing_zeros() as usize % WIDTH;
+                passed &= passed - 1;
+                let mut best = Best { t: ray.t_max, triangle: 0, crossing: None };
+                if improve(tracer, ray, shear, packet, lane, &mut best) {
+                    return Some(Hit { triangle: best.triangle, b: Vec2::ZERO, t: best.t, front: true });
+                }
+            }
+        } else {
+            if mask != 0 {
+                stack.push_rest(index, mask);
+            }
+            index = child.as_node();
+            node = &tracer.hierarchy.nodes[index];
+            L::prefetch(node.children.as_ptr().addr());
+            mask = slab.meet(node, limit).1;
+            prefetch_later::<L>(tracer, node, mask);
+        }
+    }
+}
+
+/// Asks for all children in `mask` but the lowest, which is needed at once.
+#[inline(always)]
+fn prefetch_later<L: Lanes>(tracer: &Tracer<'_>, node: &Node, mask: u32) {
+    let mut later = mask & mask.wrapping_sub(1);
+    while later != 0 {
+        prefetch::<L>(tracer, node.children[later.trailing_zeros() as usize % WIDTH]);
+        later &= later - 1;
+    }
+}
+
+/// Asks for the first four cache lines of a child. No branch: whether it is a node or a packet cannot be predicted.
+#[inline(always)]
+fn prefetch<L: Lanes>(tracer: &Tracer<'_>, child: Child) {
+    let (nodes, packets) = (tracer.hierarchy.nodes.as_ptr().addr(), tracer.hierarchy.packets.as_ptr().addr());
+    let node = nodes.wrapping_add(child.index() * size_of::<Node>());
+    let packet = packets.wrapping_add(child.index() * size_of::<Packet>());
+    let address = core::hint::select_unpredictable(child.as_packet().is_some(), packet, node);
+    for line in 0..4 {
+        L::prefetch(address.wrapping_add(64 * line));
+    }
+}
+
+/// Upper bound of the inner distance of hits whose f32 t is `t` or less.
+#[inline(always)]
+fn limit(t: f32, scale: f64) -> f32 {
+    ((f64::from(t) * scale) as f32 * SLACK).next_up()
+}
+
+/// The exact test of one triangle; whether it is the best one now.
+#[inline(always)]
+fn improve(tracer: &Tracer<'_>, ray: &Ray3, shear: &Shear, packet: &Packet, lane: usize, best: &mut Best) -> bool {
+    let Some(crossing) = shear.cross(packet, lane) else { return false };
+    let t = crossing.t() as f32;
+    let tagged = packet.triangles[lane];
+    let triangle = tagged & !Packet::TRANSPARENT;
+    // Bitwise, because neither side of a short cut would be predicted.
+    if !((t > 0.0) & ((t < best.t) | ((t == best.t) & (triangle < best.triangle)))) {
+        return false;
+    }
+    if tagged & Packet::TRANSPARENT != 0 && !stops(tracer, ray, triangle, crossing.weights()) {
+        return false;
+    }
+    *best = Best { t, triangle, crossing: Some(crossing) };
+    true
+}
+
+/// Whether a transparent triangle stops this ray: the same answer in every query with this origin and direction.
+#[cold]
+#[inline(never)]
+fn stops(tracer: &Tracer<'_>, query: &Ray3, triangle: u32, b: Vec2) -> bool {
+    let opacity = tracer.scene.opacity(triangle, b);
+    let [x, y, z] = query.origin.to_array().map(|v| u64::from(v.to_bits()));
+    let mut ray = mix(x << 32 | y) ^ z;
+    for d in query.direction.to_array() {
+        ray = mix(ray).wrapping_add(d.to_bits());
+    }
+    Stream::new(0, Stage::Alpha, ray, u64::from(triangle)).next_f32() < opacity
+}
+
+/// A ray, prepared for boxes.
+struct Slab<L> {
+    origin: [L; 3],
+    /// Negative reciprocal of direction/scale; the second one enlarged, for far planes.
+    inverse: [[L; 2]; 3],
+    /// Which side of a box the ray enters through, by axis: 0 = smallest coordinate.
+    enter: [usize; 3],
+}
+
+impl<L: Lanes> Slab<L> {
+    #[inline(always)]
+    fn new(origin: Vec3, shear: &Shear) -> Self {
+        let [x, y, z] = shear.unit.to_array();
+        let [x, y, z] = [negative_inverse(x), negative_inverse(y), negative_inverse(z)];
+        Self {
+            origin: [L::splat(origin.x), L::splat(origin.y), L::splat(origin.z)],
+            inverse: [
+                [L::splat(x), L::splat(x * SLACK)],
+                [L::splat(y), L::splat(y * SLACK)],
+                [L::splat(z), L::splat(z * SLACK)],
+            ],
+            enter: [usize::from(x > 0.0), usize::from(y > 0.0), usize::from(z > 0.0)],
+        }
     }
 
     /// Inner distances to the eight boxes, and a bit for each that is met before `limit`.
-    #[inline]
-    fn boxes(&self, node: &Node, limit: f32) -> ([Vec4; 2], u32) {
-        let mut distances = [Vec4::ZERO; 2];
-        let mut mask = 0;
-        for (half, distance) in distances.iter_mut().enumerate() {
-            let mut near = Vec4::ZERO;
-            let mut far = Vec4::splat(limit);
-            for axis in 0..3 {
-                let sides = &node.bounds[axis];
-                let (o, i) = (self.origin_lanes[axis], self.inverse_lanes[axis]);
-                near = ((sides[self.enter[axis] & 1][half] - o) * i).max(near);
-                far = ((sides[!self.enter[axis] & 1][half] - o) * i).min(far);
-            }
-            mask |= near.cmple(far * SLACK).bitmask() << (4 * half);
-            *distance = near;
-        }
-        (distances, mask)
+    #[inline(always)]
+    fn meet(&self, node: &Node, limit: L) -> (L, u32) {
+        let mut near = L::splat(0.0);
+        let mut far = limit;
+        let [[x, x_far], [y, y_far], [z, z_far]] = self.inverse;
+        let [ox, oy, oz] = self.origin;
+        let [sx, sy, sz] = &node.bounds;
+        let [ex, ey, ez] = self.enter;
+        let (nx, fx) = (ox.minus(L::load(&sx[ex & 1])).times(x), ox.minus(L::load(&sx[!ex & 1])).times(x_far));
+        let (ny, fy) = (oy.minus(L::load(&sy[ey & 1])).times(y), oy.minus(L::load(&sy[!ey & 1])).times(y_far));
+        let (nz, fz) = (oz.minus(L::load(&sz[ez & 1])).times(z), oz.minus(L::load(&sz[!ez & 1])).times(z_far));
+        near = nx.most(ny).most(nz.most(near));
+        far = fx.least(fy).least(fz.least(far));
+        (near, near.at_most(far))
     }
 }
 
-/// A box to visit, and the inner distance to it.
-type Visit = (f32, Child);
-
-/// A stack whose first entries need no heap.
-struct Stack {
-    local: [Visit; STACK],
-    spill: Vec<Visit>,
-    len: usize,
-}
-
-impl Stack {
-    fn new() -> Self {
-        Self { local: [(0.0, Child::ROOT); STACK], spill: Vec::new(), len: 0 }
-    }
-
-    #[inline]
-    fn push(&mut self, visit: Visit) {
-        if self.len < STACK {
-            self.local[self.len] = visit;
-        } else {
-            self.spill.push(visit);
-        }
-        self.len += 1;
-    }
-
-    #[inline]
-    fn pop(&mut self) -> Option<Visit> {
-        self.len = self.len.checked_sub(1)?;
-        if self.len < STACK { Some(self.local[self.len]) } else { self.spill.pop() }
-    }
-}
-
-impl Tracer<'_> {
-    /// The nearest hit, or with `ANY` the first one found.
-    pub(super) fn traverse<const ANY: bool>(&self, query: &Query) -> Option<Hit> {
-        if self.hierarchy.nodes.is_empty() {
-            return None;
-        }
-        let mut best: Option<Hit> = None;
-        let mut limit = query.limit(query.t_max);
-        let mut stack = Stack::new();
-        stack.push((0.0, Child::ROOT));
-        while let Some((distance, child)) = stack.pop() {
-            if distance > limit {
-                continue;
-            }
-            if let Some((packet, count)) = child.as_packet() {
-                if self.meet(query, &self.hierarchy.packets[packet], count, &mut best) {
-                    if ANY {
-                        return best;
-                    }
-                    limit = best.map_or(limit, |hit| query.limit(hit.t));
-                }
-            } else {
-                let node = &self.hierarchy.nodes[child.as_node()];
-                let (distances, mask) = query.boxes(node, limit);
-                push_children::<ANY>(&mut stack, node, distances, mask);
-            }
-        }
-        best
-    }
-
-    /// Tests the triangles of a packet; whether `best` was improved.
-    #[inline]
-    fn meet(&self, query: &Query, packet: &Packet, count: usize, best: &mut Option<Hit>) -> bool {
-        let mut improved = false;
-        let mut mask = query.shear.filter(packet, count);
-        while mask != 0 {
-            let lane = mask.trailing_zeros() as usize % LANES;
-            mask &= mask - 1;
-            let Some(crossing) = query.shear.cross(packet, lane) else { continue };
-            let t = crossing.t as f32;
-            let triangle = packet.triangles[lane] & !Packet::TRANSPARENT;
-            let nearer = match best {
-                Some(hit) => t < hit.t || (t == hit.t && triangle < hit.triangle),
-                None => t < query.t_max,
-            };
-            if t > 0.0 && nearer {
-                let b = Vec2::new(crossing.b[0] as f32, crossing.b[1] as f32);
-                if packet.triangles[lane] & Packet::TRANSPARENT == 0 || self.stops(query, triangle, b) {
-                    *best = Some(Hit { triangle, b, t, front: crossing.front });
-                    improved = true;
-                }
-            }
-        }
-        improved
-    }
-
-    /// Whether a transparent triangle stops this ray: the same answer in every query with this origin and direction.
-    #[cold]
-    fn stops(&self, query: &Query, triangle: u32, b: Vec2) -> bool {
-        let opacity = self.scene.opacity(triangle, b);
-        let [x, y, z] = query.origin.to_array().map(|v| u64::from(v.to_bits()));
-        let mut ray = mix(x << 32 | y) ^ z;
-        for d in query.direction.to_array() {
-            ray = mix(ray).wrapping_add(d.to_bits());
-        }
-        Stream::new(0, Stage::Alpha, ray, u64::from(triangle)).next_f32() < opacity
-    }
-}
-
-/// Pushes the boxes that were met, the nearest last (in any order with `ANY`).
-#[inline]
-fn push_children<const ANY: bool>(stack: &mut Stack, node: &Node, distances: [Vec4; 2], mut mask: u32) {
-    let [low, high] = distances.map(|d| d.to_array());
-    let mut met = [(0.0, Child::ROOT); WIDTH];
-    let mut n = 0;
-    while mask != 0 {
-        let i = mask.trailing_zeros() as usize % WIDTH;
-        mask &= mask - 1;
-        let visit = (if i < 4 { low[i] } else { high[i - 4] }, node.children[i]);
-        if ANY {
-            stack.push(visit);
-            continue;
-        }
-        let mut at = n;
-        while at > 0 && met[at - 1].0 < visit.0 {
-            met[at] = met[at - 1];
-            at -= 1;
-        }
-        met[at] = visit;
-        n += 1;
-    }
-    for &visit in &met[..n] {
-        stack.push(visit);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_stack_spills_and_comes_back_in_order() {
-        let mut stack = Stack::new();
-        for i in 0..3 * STACK {
-            stack.push((i as f32, Child::ROOT));
-        }
-        for i in (0..3 * STACK).rev() {
-            assert_eq!(stack.pop().unwrap().0, i as f32);
-        }
-        assert!(stack.pop().is_none());
-    }
-
-    #[test]
-    fn broken_rays_are_refused() {
-        let bad = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
-        for v in bad {
-            assert!(Query::new(Vec3::new(0.0, v, 0.0), DVec3::X, 1.0).is_none());
-            assert!(Query::new(Vec3::ZERO, Vec3::new(1.0, v, 0.0).as_dvec3(), 1.0).is_none());
-        }
-        for t_max in [f32::NAN, 0.0, -1.0, f32::NEG_INFINITY] {
-            assert!(Query::new(Vec3::ZERO, DVec3::X, t_max).is_none());
-        }
-        assert!(Query::new(Vec3::ZERO, DVec3::ZERO, 1.0).is_none());
-        assert!(Query::new(Vec3::ZERO, DVec3::X, f32::INFINITY).is_some());
-    }
+#[inline(always)]
+fn negative_inverse(unit: f32) -> f32 {
+    // Of the two zeros the sign decides which planes are the near ones; either is right.
+    (-1.0 / unit).clamp(-STEEPEST, STEEPEST)
 }

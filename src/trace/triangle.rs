@@ -3,7 +3,7 @@
 //! Source: Woop, Benthin, Wald, "Watertight Ray/Triangle Intersection", JCGT 2(1), 2013. Where we differ, and why:
 //! * the paper computes in f32 and falls back to f64 where an edge function is exactly 0. Here f64 always decides: f32
 //!   may assign a hit near an edge to the neighbour of the right triangle (its error is 10⁻⁷ of the distance). Most
-//!   triangles never get there: four at a time go through an f32 filter with a rigorous error bound;
+//!   triangles never get there: eight at a time go through an f32 filter with a rigorous error bound;
 //! * no fallback beyond f64 is needed: a rounded difference of rounded products has the sign of the exact one or is 0
 //!   (rounding is monotone), and swapping the ends of an edge negates it exactly. 0 counts as inside. So triangles that
 //!   share an edge never both refuse a ray on the basis of that edge, nor all triangles around a vertex.
@@ -17,131 +17,194 @@
 //! triangle, t is 0 only up to rounding (±10⁻¹⁷ of the distances); such rays take their start from `origin`.
 
 use super::build::Packet;
-use glam::{DVec3, Vec3, Vec4};
+use super::lanes::Lanes;
+use glam::{DVec3, Vec2, Vec3};
+
+/// 16ε; see [`ShearLanes::filter`].
+const ERROR: f32 = 1.0 / (1u32 << 20) as f32;
+
+/// An axis of the world. Indexing by it needs no check.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(super) enum Axis {
+    X,
+    Y,
+    Z,
+}
+
+use Axis::{X, Y, Z};
+
+/// Which axes of the world are x, y, z of the sheared space: by largest axis, then by the direction's sign along it.
+const ORDERS: [[[Axis; 3]; 2]; 3] = [[[Y, Z, X], [Z, Y, X]], [[Z, X, Y], [X, Z, Y]], [[X, Y, Z], [Y, X, Z]]];
 
 /// What the tests need of a ray.
 pub(super) struct Shear {
-    /// x, y, z of the sheared space as axes of the world.
-    axes: [usize; 3],
+    axes: [Axis; 3],
     /// Origin, by axis of the sheared space.
     origin: [f64; 3],
     /// x/z and y/z of the direction, and 1/z.
     slope: [f64; 3],
-    origin_lanes: [Vec4; 3],
-    slope_lanes: [Vec4; 2],
+    /// Length of the direction along its largest axis.
+    scale: f64,
+    /// Direction/scale, by axis of the world.
+    pub(super) unit: Vec3,
 }
 
 /// Where the line of a ray meets a triangle, on either side of the origin.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub(super) struct Crossing {
-    pub(super) t: f64,
+    t: f64,
+    /// Edge functions of corners 1 and 2, and the sum of all three.
+    v: f64,
+    w: f64,
+    det: f64,
+}
+
+impl Crossing {
+    /// Distance in units of the direction.
+    #[inline(always)]
+    pub(super) fn t(&self) -> f64 {
+        self.t
+    }
+
     /// Weights of corners 1 and 2.
-    pub(super) b: [f64; 2],
-    pub(super) front: bool,
+    #[inline(always)]
+    pub(super) fn weights(&self) -> Vec2 {
+        Vec2::new((self.v / self.det) as f32, (self.w / self.det) as f32)
+    }
+
+    /// The ray came from the front side.
+    #[inline(always)]
+    pub(super) fn front(&self) -> bool {
+        self.det > 0.0
+    }
 }
 
 impl Shear {
-    /// For a direction that is finite and not zero.
+    /// For a direction that is finite and not zero. Branch-free: no two rays of a walk are alike.
+    #[inline(always)]
     pub(super) fn new(origin: Vec3, direction: DVec3) -> Self {
         let d = direction.to_array();
         let size = direction.abs();
-        let z = if size.x > size.y && size.x > size.z {
-            0
-        } else if size.y > size.z {
-            1
-        } else {
-            2
-        };
-        let (mut x, mut y) = ((z + 1) % 3, (z + 2) % 3);
-        if d[z] < 0.0 {
-            (x, y) = (y, x);
-        }
-        let slope = [d[x] / d[z], d[y] / d[z], 1.0 / d[z]];
+        let y_over_x = usize::from(size.y >= size.x);
+        let z = if size.z >= size.x.max(size.y) { 2 } else { y_over_x };
+        let axes = ORDERS[z][usize::from(d[z] < 0.0)];
+        let [x, y, _] = axes;
+        let inverse = 1.0 / d[z];
+        let o = origin.to_array();
         Self {
-            axes: [x, y, z],
-            origin: [x, y, z].map(|k| f64::from(origin[k])),
-            slope,
-            origin_lanes: [x, y, z].map(|k| Vec4::splat(origin[k])),
-            slope_lanes: [Vec4::splat(slope[0] as f32), Vec4::splat(slope[1] as f32)],
+            axes,
+            origin: [f64::from(o[x as usize]), f64::from(o[y as usize]), f64::from(o[z])],
+            slope: [d[x as usize] * inverse, d[y as usize] * inverse, inverse],
+            scale: d[z].abs(),
+            unit: (direction * inverse.abs()).as_vec3(),
         }
     }
 
-    /// Bit i is set if triangle i of the packet may be met by the line of the ray; only bits below `count` can be.
-    ///
-    /// Error bound: with h the largest distance of a corner along the z axis and s the largest |x| + |y| of a sheared
-    /// corner, each sheared coordinate is off by at most ε(2|x| + 4h), so each edge function by at most
-    /// ε(6s² + 8sh) + 32ε²h² and terms of higher order; 16εs(s + h) + (16εh)² covers them. NaN after an overflow
-    /// compares false, which does not refuse.
-    #[inline]
-    pub(super) fn filter(&self, packet: &Packet, count: usize) -> u32 {
-        const EPSILON: f32 = 1.0 / 16_777_216.0;
-        let [kx, ky, kz] = self.axes;
-        let [sx, sy] = self.slope_lanes;
-        let mut x = [Vec4::ZERO; 3];
-        let mut y = [Vec4::ZERO; 3];
-        let mut size = Vec4::ZERO;
-        let mut depth = Vec4::ZERO;
-        for i in 0..3 {
-            let p = &packet.corners[i];
-            let z = p[kz] - self.origin_lanes[2];
-            x[i] = (p[kx] - self.origin_lanes[0]) - sx * z;
-            y[i] = (p[ky] - self.origin_lanes[1]) - sy * z;
-            size = size.max(x[i].abs() + y[i].abs());
-            depth = depth.max(z.abs());
-        }
-        let u = x[2] * y[1] - y[2] * x[1];
-        let v = x[0] * y[2] - y[0] * x[2];
-        let w = x[1] * y[0] - y[1] * x[0];
-        let far = depth * (16.0 * EPSILON);
-        let error = size * (size + depth) * (16.0 * EPSILON) + far * far + Vec4::splat(f32::MIN_POSITIVE);
-        let refused = u.min(v).min(w).cmplt(-error) & u.max(v).max(w).cmpgt(error);
-        !refused.bitmask() & ((1 << count) - 1)
+    /// Length of the direction along its largest axis.
+    #[inline(always)]
+    pub(super) fn scale(&self) -> f64 {
+        self.scale
     }
 
     /// The decision for triangle `lane` of a packet.
-    #[inline]
+    #[inline(always)]
     pub(super) fn cross(&self, packet: &Packet, lane: usize) -> Option<Crossing> {
-        let [x, y, z] = self.axes;
+        let [x, y, z] = [self.axes[0] as usize, self.axes[1] as usize, self.axes[2] as usize];
         let [p, q, r] = &packet.corners;
         self.cross_corners([
-            [p[x][lane], p[y][lane], p[z][lane]],
-            [q[x][lane], q[y][lane], q[z][lane]],
-            [r[x][lane], r[y][lane], r[z][lane]],
+            [p[x].0[lane], p[y].0[lane], p[z].0[lane]],
+            [q[x].0[lane], q[y].0[lane], q[z].0[lane]],
+            [r[x].0[lane], r[y].0[lane], r[z].0[lane]],
         ])
     }
 
-    #[inline]
-    fn cross_corners(&self, corners: [[f32; 3]; 3]) -> Option<Crossing> {
+    #[inline(always)]
+    fn sheared(&self, p: [f32; 3]) -> [f64; 3] {
         let [sx, sy, sz] = self.slope;
-        let shear = |p: [f32; 3]| {
-            let z = f64::from(p[2]) - self.origin[2];
-            [f64::from(p[0]) - self.origin[0] - sx * z, f64::from(p[1]) - self.origin[1] - sy * z, sz * z]
-        };
-        let (a, b, c) = (shear(corners[0]), shear(corners[1]), shear(corners[2]));
+        let z = f64::from(p[2]) - self.origin[2];
+        [f64::from(p[0]) - self.origin[0] - sx * z, f64::from(p[1]) - self.origin[1] - sy * z, sz * z]
+    }
+
+    #[inline(always)]
+    fn cross_corners(&self, corners: [[f32; 3]; 3]) -> Option<Crossing> {
+        let (a, b, c) = (self.sheared(corners[0]), self.sheared(corners[1]), self.sheared(corners[2]));
         let u = c[0] * b[1] - c[1] * b[0];
         let v = a[0] * c[1] - a[1] * c[0];
         let w = b[0] * a[1] - b[1] * a[0];
-        if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
-            return None;
-        }
         let det = u + v + w;
-        if det == 0.0 {
+        // Bitwise: one branch, mostly not taken, instead of seven.
+        let mixed = ((u < 0.0) | (v < 0.0) | (w < 0.0)) & ((u > 0.0) | (v > 0.0) | (w > 0.0));
+        if mixed | (det == 0.0) {
             return None;
         }
-        let t = (u * a[2] + v * b[2] + w * c[2]) / det;
-        Some(Crossing { t, b: [v / det, w / det], front: det > 0.0 })
+        Some(Crossing { t: (u * a[2] + v * b[2] + w * c[2]) / det, v, w, det })
+    }
+}
+
+/// A [`Shear`] for eight triangles at a time.
+pub(super) struct ShearLanes<L> {
+    origin: [L; 3],
+    slope: [L; 2],
+}
+
+impl<L: Lanes> ShearLanes<L> {
+    #[inline(always)]
+    pub(super) fn new(shear: &Shear) -> Self {
+        // The origin was f32 before.
+        let [x, y, z] = shear.origin;
+        let [sx, sy, _] = shear.slope;
+        Self {
+            origin: [L::splat(x as f32), L::splat(y as f32), L::splat(z as f32)],
+            slope: [L::splat(sx as f32), L::splat(sy as f32)],
+        }
+    }
+
+    /// Bit i is set if triangle i of the packet may be met by the line of the ray.
+    ///
+    /// Error bound: with h the largest distance of a corner along the z axis and s the largest |x| + |y| of a sheared
+    /// corner, each sheared coordinate is off by at most ε(2|x| + 4h), so each edge function by at most
+    /// ε(6s² + 8sh) + 32ε²h² and terms of higher order; 16ε(s + 16εh)(s + 16εh + h) covers them. h and s are not taken
+    /// from all corners but from corner 0 and `Packet::margin`, which bounds how far the others are off; it is at least
+    /// 2⁻⁵⁰ m, which covers what is lost to underflow. NaN after an overflow compares false, which does not refuse.
+    #[inline(always)]
+    pub(super) fn filter(&self, packet: &Packet, shear: &Shear) -> u32 {
+        let [kx, ky, kz] = [shear.axes[0] as usize, shear.axes[1] as usize, shear.axes[2] as usize];
+        let [ox, oy, oz] = self.origin;
+        let [sx, sy] = self.slope;
+        let [p, q, r] = &packet.corners;
+        let az = L::load(&p[kz]).minus(oz);
+        let bz = L::load(&q[kz]).minus(oz);
+        let cz = L::load(&r[kz]).minus(oz);
+        let ax = L::load(&p[kx]).minus(ox).minus(sx.times(az));
+        let ay = L::load(&p[ky]).minus(oy).minus(sy.times(az));
+        let bx = L::load(&q[kx]).minus(ox).minus(sx.times(bz));
+        let by = L::load(&q[ky]).minus(oy).minus(sy.times(bz));
+        let cx = L::load(&r[kx]).minus(ox).minus(sx.times(cz));
+        let cy = L::load(&r[ky]).minus(oy).minus(sy.times(cz));
+        let u = cx.times(by).minus(cy.times(bx));
+        let v = ax.times(cy).minus(ay.times(cx));
+        let w = bx.times(ay).minus(by.times(ax));
+        let margin = L::load(&packet.margin);
+        let sixteenth = L::splat(ERROR);
+        let h = az.size().plus(margin);
+        let s = ax.size().plus(ay.size()).plus(margin.plus(h.times(sixteenth)));
+        let error = s.times(s.plus(h)).times(sixteenth);
+        let negative = u.least(v).least(w).plus(error).below(L::splat(0.0));
+        let positive = L::splat(0.0).below(u.most(v).most(w).minus(error));
+        !(negative & positive)
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::lanes::Portable;
     use super::*;
     use crate::base::random::Stage;
     use crate::base::random::Stream;
 
     fn cross(origin: Vec3, direction: Vec3, corners: [Vec3; 3]) -> Option<Crossing> {
         let s = Shear::new(origin, direction.as_dvec3());
-        s.cross_corners(corners.map(|p| s.axes.map(|k| p[k])))
+        s.cross_corners(corners.map(|p| s.axes.map(|k| p[k as usize])))
     }
 
     const CORNERS: [Vec3; 3] = [Vec3::new(0.0, 0.0, 0.0), Vec3::new(1.0, 0.0, 0.0), Vec3::new(0.0, 1.0, 0.0)];
@@ -153,8 +216,9 @@ mod tests {
             let corners = CORNERS.map(turn);
             for side in [1.0, -1.0] {
                 let h = cross(turn(Vec3::new(0.25, 0.5, 3.0 * side)), turn(Vec3::new(0.0, 0.0, -2.0 * side)), corners);
-                let expected = Crossing { t: 1.5, b: [0.25, 0.5], front: side > 0.0 };
-                assert_eq!(h, Some(expected), "axis {axis} side {side}");
+                let h = h.unwrap();
+                let found = (h.t(), h.weights(), h.front());
+                assert_eq!(found, (1.5, Vec2::new(0.25, 0.5), side > 0.0), "axis {axis} side {side}");
             }
         }
     }
@@ -163,7 +227,7 @@ mod tests {
     fn edges_and_corners_count() {
         for p in [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.5, 0.0], [0.0, 0.5], [0.5, 0.5]] {
             let h = cross(Vec3::new(p[0], p[1], 1.0), Vec3::NEG_Z, CORNERS).unwrap();
-            assert_eq!(h.b, p.map(f64::from));
+            assert_eq!(h.weights().to_array(), p);
         }
         assert_eq!(cross(Vec3::new(0.5, 0.500_000_06, 1.0), Vec3::NEG_Z, CORNERS), None);
         assert_eq!(cross(Vec3::new(0.5, -1e-30, 1.0), Vec3::NEG_Z, CORNERS), None);
@@ -198,11 +262,11 @@ mod tests {
             }
             let target = corners[0] + (corners[1] - corners[0]) * f + (corners[2] - corners[0]) * g;
             let shear = Shear::new(origin, (target - origin).as_dvec3());
-            let lanes = corners.map(|p| [0, 1, 2].map(|k| Vec4::splat(p[k])));
-            let packet = Packet { corners: lanes, triangles: [0; 4] };
+            let mut packet = Packet::empty();
+            packet.set(2, corners, 0);
             let exact = shear.cross(&packet, 2).is_some();
-            let passed = shear.filter(&packet, 4);
-            assert!(passed == 15 || (passed == 0 && !exact), "{corners:?} {origin} {target}");
+            let passed = ShearLanes::<Portable>::new(&shear).filter(&packet, &shear) & 4;
+            assert!(passed != 0 || !exact, "{corners:?} {origin} {target}");
             accepted += usize::from(exact);
             refused += usize::from(passed == 0);
         }

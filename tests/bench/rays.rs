@@ -1,11 +1,17 @@
-//! Rays per second: closest hit and occlusion, incoherent cosine rays, by number of triangles and threads.
+//! Time per ray and time to build: closest hit and occlusion, incoherent cosine rays, by number of triangles and threads.
 //!
-//! `cargo bench --bench rays` prints comma-separated values; figures belong to the machine they were taken on.
+//! `cargo bench --bench rays` prints comma-separated values; figures belong to the machine they were taken on. Options
+//! after `--`: `--details 8,25,79` (blob subdivisions: 20 thousand, 200 thousand and 2 million triangles), `--threads 1,2`,
+//! `--passes 5`, `--portable` (no CPU dispatch), `--dump FOLDER` (triangles and rays as little-endian f32, for
+//! `pipelines/study/rays.py`, which measures Embree with them).
 //!
 //! Scene: a closed room of 10 × 4 × 10 m with 40 bumpy spheres. Origins are uniform over the triangles, directions
 //! cosine-distributed around their normals, no two neighbouring rays alike; occlusion takes the same rays with ends 0.5 to
-//! 5 m away. Rates are the best of three runs over all rays. The time of one ray on one thread is the sum of the best times
-//! of short batches, with a warm cache: it hardly moves when other programs share the machine.
+//! 5 m away.
+//!
+//! Time of a ray: the rays are cut into batches of a tenth of a millisecond; every pass takes all of them, so caches are as cold as
+//! in a bake; the best times of all batches are added up. So programs that share the machine hardly show. With several
+//! threads it is still the time that one thread spends on one ray.
 #![allow(clippy::unwrap_used, reason = "bench")]
 #![allow(clippy::print_stdout, reason = "bench")]
 
@@ -14,6 +20,8 @@ mod support;
 
 use core::hint::black_box;
 use glam::{DMat3, DVec3, Vec2};
+use std::io::Write;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 use support::{blob, cuboid, direction, place, scene_from_triangles, stream};
 use texelwalk::base::parallel;
@@ -21,6 +29,7 @@ use texelwalk::scene::Scene;
 use texelwalk::trace::{Ray, Tracer};
 
 const RAYS: usize = 500_000;
+const BATCH: usize = 250;
 
 fn office(detail: usize) -> Scene {
     let mut shape = Vec::new();
@@ -52,64 +61,101 @@ fn rays(tracer: &Tracer<'_>) -> Vec<Ray> {
         .collect()
 }
 
-/// Millions of rays per second, best of three.
-fn rate(rays: &[Ray], work: impl Fn(&Ray) -> bool + Sync) -> (f64, usize) {
-    let mut best = (0.0, 0);
-    for _ in 0..3 {
-        let start = Instant::now();
-        let counts =
-            parallel::map_chunks(rays.len(), 4096, |r| rays[r].iter().filter(|&ray| black_box(work(ray))).count());
-        let seconds = start.elapsed().as_secs_f64();
-        let hits = counts.into_iter().sum();
-        best = (f64::max(best.0, rays.len() as f64 / seconds / 1e6), hits);
+/// Time of a ray [ns] and the number of rays for which the work is true.
+fn nanoseconds(rays: &[Ray], passes: usize, work: impl Fn(&Ray) -> bool + Sync) -> (f64, usize) {
+    let mut best = vec![f64::INFINITY; rays.len().div_ceil(BATCH)];
+    let mut hits = 0;
+    for _ in 0..passes {
+        let batches = parallel::map_chunks(rays.len(), BATCH, |range| {
+            let start = Instant::now();
+            let count = rays[range].iter().filter(|&ray| black_box(work(ray))).count();
+            (start.elapsed().as_secs_f64(), count)
+        });
+        hits = batches.iter().map(|b| b.1).sum();
+        for (best, (seconds, _)) in best.iter_mut().zip(batches) {
+            *best = best.min(seconds);
+        }
     }
-    best
+    (best.iter().fold(0.0, |a, b| a + b) / rays.len() as f64 * 1e9, hits)
 }
 
-/// Time of one ray on this thread [ns]: batches of about a millisecond, each the best of 25.
-fn nanoseconds(rays: &[Ray], work: impl Fn(&Ray) -> bool) -> f64 {
-    let rays = &rays[..20_000];
-    let mut total = 0.0;
-    for batch in rays.chunks(500) {
-        let mut best = f64::INFINITY;
-        for _ in 0..25 {
-            let start = Instant::now();
-            for ray in batch {
-                black_box(work(ray));
-            }
-            best = best.min(start.elapsed().as_secs_f64());
+/// Corners of all triangles; then, for each ray, origin, direction, and `t_max` of closest hit and occlusion.
+fn dump(folder: &Path, scene: &Scene, far: &[Ray], near: &[Ray]) {
+    let n = scene.triangles.len();
+    let save = |name: String, values: Vec<f32>| {
+        let bytes: Vec<u8> = values.into_iter().flat_map(f32::to_le_bytes).collect();
+        std::fs::File::create(folder.join(name)).unwrap().write_all(&bytes).unwrap();
+    };
+    let corners = (0..n as u32).flat_map(|i| scene.corners(i)).flat_map(|p| p.to_array());
+    save(format!("{n}.triangles"), corners.collect());
+    let ray = |(r, s): (&Ray, &Ray)| {
+        let ([a, b, c], [d, e, f]) = (r.origin.to_array(), r.direction.to_array());
+        [a, b, c, d, e, f, r.t_max, s.t_max]
+    };
+    save(format!("{n}.rays"), far.iter().zip(near).flat_map(ray).collect());
+}
+
+struct Options {
+    details: Vec<usize>,
+    threads: Vec<usize>,
+    passes: usize,
+    portable: bool,
+    dump: Option<PathBuf>,
+}
+
+fn options() -> Options {
+    let mut o = Options { details: vec![8, 25, 79], threads: vec![1, 2], passes: 5, portable: false, dump: None };
+    let list = |s: String| s.split(',').map(|v| v.parse().unwrap()).collect();
+    let mut words = std::env::args().skip(1);
+    while let Some(word) = words.next() {
+        match word.as_str() {
+            "--details" => o.details = list(words.next().unwrap()),
+            "--threads" => o.threads = list(words.next().unwrap()),
+            "--passes" => o.passes = words.next().unwrap().parse().unwrap(),
+            "--portable" => o.portable = true,
+            "--dump" => o.dump = Some(words.next().unwrap().into()),
+            "--bench" => {}
+            other => panic!("unknown option {other}"),
         }
-        total += best;
     }
-    total / rays.len() as f64 * 1e9
+    o
+}
+
+fn build<'a>(scene: &'a Scene, options: &Options) -> (Tracer<'a>, f64) {
+    let mut best = (f64::INFINITY, None);
+    for _ in 0..options.passes {
+        let start = Instant::now();
+        let tracer = Tracer::new(scene);
+        best = (best.0.min(start.elapsed().as_secs_f64()), Some(tracer));
+    }
+    let tracer = best.1.unwrap();
+    (if options.portable { tracer.portable() } else { tracer }, best.0)
+}
+
+fn measure(scene: &Scene, threads: usize, options: &Options) {
+    let (tracer, build) = build(scene, options);
+    let far = rays(&tracer);
+    let mut s = stream(3);
+    let near: Vec<Ray> = far.iter().map(|&r| Ray { t_max: 0.5 + 4.5 * s.next_f32(), ..r }).collect();
+    if let Some(folder) = &options.dump {
+        dump(folder, scene, &far, &near);
+    }
+    let (closest, hits) = nanoseconds(&far, options.passes, |r| tracer.closest_hit(r).is_some());
+    assert_eq!(hits, far.len(), "the room is closed");
+    let (occlusion, occluded) = nanoseconds(&near, options.passes, |r| tracer.occluded(r));
+    let (n, nodes) = (tracer.triangle_count(), tracer.node_count());
+    let bytes = tracer.memory_bytes() as f64 / n as f64;
+    println!("{n},{threads},{build:.3},{nodes},{bytes:.0},{closest:.0},{occlusion:.0},{hits},{occluded}");
 }
 
 fn main() {
-    println!(
-        "triangles,threads,build_s,nodes,bytes_per_triangle,closest_mrays_s,occlusion_mrays_s,closest_ns,occlusion_ns"
-    );
-    for detail in [1, 8, 25] {
+    let options = options();
+    println!("triangles,threads,build_s,nodes,bytes_per_triangle,closest_ns,occlusion_ns,hits,occluded");
+    for &detail in &options.details {
         let scene = office(detail);
-        for threads in [1, 2] {
+        for &threads in &options.threads {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| {
-                let start = Instant::now();
-                let tracer = Tracer::new(&scene);
-                let build = start.elapsed().as_secs_f64();
-                let far = rays(&tracer);
-                let mut s = stream(3);
-                let near: Vec<Ray> = far.iter().map(|&r| Ray { t_max: 0.5 + 4.5 * s.next_f32(), ..r }).collect();
-                let (closest, hits) = rate(&far, |r| tracer.closest_hit(r).is_some());
-                assert_eq!(hits, far.len(), "the room is closed");
-                let (occlusion, _) = rate(&near, |r| tracer.occluded(r));
-                let closest_ns = nanoseconds(&far, |r| tracer.closest_hit(r).is_some());
-                let occlusion_ns = nanoseconds(&near, |r| tracer.occluded(r));
-                let (n, nodes) = (tracer.triangle_count(), tracer.node_count());
-                let bytes = tracer.memory_bytes() as f64 / n as f64;
-                println!(
-                    "{n},{threads},{build:.3},{nodes},{bytes:.0},{closest:.2},{occlusion:.2},{closest_ns:.0},{occlusion_ns:.0}"
-                );
-            });
+            pool.install(|| measure(&scene, threads, &options));
         }
     }
 }

@@ -1,0 +1,159 @@
+//! What depends on the machine: a traversal for CPUs with AVX2, and large pages. None of it changes a result.
+//!
+//! [`Avx2`] is the proof that the CPU has it: [`Avx2::detect`] alone makes it. `Wide`, eight lanes in one register, stays
+//! in this file, and every use of it is compiled into the functions with `#[target_feature]` below, which need the proof.
+//! Fused multiply-add is not among their features: it would round differently from the portable path.
+//!
+//! A ray visits memory at random. With pages of 4 KiB, most of its time would go into finding their addresses; Linux
+//! gives pages of 2 MiB to those who ask.
+
+#![allow(unsafe_code, reason = "instructions and advice that no safe wrapper offers; the only such file of the folder")]
+
+#[cfg(target_arch = "x86_64")]
+pub(super) use avx2::Avx2;
+
+use crate::base::parallel;
+use rayon::prelude::*;
+
+/// Bytes of a large page.
+const LARGE: usize = 2 << 20;
+/// Memory below this is not worth the bytes that alignment wastes.
+const WORTH_IT: usize = LARGE / 8;
+
+/// `n` copies of `value` in memory with large pages where there are any, and the index of the first one; what comes
+/// before that is padding, because a large page begins at a multiple of its size.
+pub(super) fn fill<T: Clone + Send + Sync>(n: usize, value: &T) -> (Vec<T>, usize) {
+    if n * size_of::<T>() < WORTH_IT {
+        return (parallel::map(n, |_| value.clone()), 0);
+    }
+    let mut out: Vec<T> = Vec::with_capacity(n + LARGE / size_of::<T>() + LARGE / size_of::<T>());
+    let start = out.as_ptr().addr();
+    let first = (start.next_multiple_of(LARGE) - start).div_ceil(size_of::<T>());
+    ask_for_large_pages(&out);
+    out.par_extend((0..first + n).into_par_iter().map(|_| value.clone()));
+    (out, first)
+}
+
+/// Asks for large pages under the capacity of an empty list.
+#[cfg(target_os = "linux")]
+fn ask_for_large_pages<T>(list: &Vec<T>) {
+    let start = list.as_ptr().addr().next_multiple_of(LARGE);
+    let end = list.as_ptr().addr() + list.capacity() * size_of::<T>();
+    if end > start {
+        // SAFETY: the range lies in the allocation of `list`, the advice keeps its contents, and failure changes nothing.
+        unsafe { libc::madvise(core::ptr::with_exposed_provenance_mut(start), end - start, libc::MADV_HUGEPAGE) };
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+fn ask_for_large_pages<T>(_list: &Vec<T>) {}
+
+#[cfg(target_arch = "x86_64")]
+mod avx2 {
+    use super::super::Hit;
+    use super::super::Ray3;
+    use super::super::Tracer;
+    use super::super::lanes::Eight;
+    use super::super::lanes::Lanes;
+    use super::super::traverse::traverse;
+    use core::arch::x86_64::*;
+
+    /// This machine has the instructions.
+    #[derive(Clone, Copy, Debug)]
+    pub(in super::super) struct Avx2(());
+
+    impl Avx2 {
+        pub(in super::super) fn detect() -> Option<Self> {
+            let all = is_x86_feature_detected!("avx2")
+                && is_x86_feature_detected!("bmi1")
+                && is_x86_feature_detected!("bmi2")
+                && is_x86_feature_detected!("lzcnt")
+                && is_x86_feature_detected!("popcnt");
+            all.then_some(Self(()))
+        }
+
+        #[inline]
+        pub(in super::super) fn closest(self, tracer: &Tracer<'_>, ray: Ray3) -> Option<Hit> {
+            // SAFETY: `self` exists, so the features have been detected.
+            unsafe { closest(tracer, ray) }
+        }
+
+        #[inline]
+        pub(in super::super) fn any(self, tracer: &Tracer<'_>, ray: Ray3) -> bool {
+            // SAFETY: `self` exists, so the features have been detected.
+            unsafe { any(tracer, ray) }
+        }
+    }
+
+    #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+    fn closest(tracer: &Tracer<'_>, ray: Ray3) -> Option<Hit> {
+        traverse::<Wide, false>(tracer, ray)
+    }
+
+    #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+    fn any(tracer: &Tracer<'_>, ray: Ray3) -> bool {
+        traverse::<Wide, true>(tracer, ray).is_some()
+    }
+
+    #[derive(Clone, Copy)]
+    struct Wide(__m256);
+
+    /// Defines methods of [`Lanes`] that are one instruction.
+    macro_rules! instructions {
+        ($($name:ident: $instruction:ident),*) => {$(
+            #[inline(always)]
+            fn $name(self, other: Self) -> Self {
+                // SAFETY: only reached from the functions with these features (see the head of this file).
+                Self(unsafe { $instruction(self.0, other.0) })
+            }
+        )*};
+    }
+
+    impl Lanes for Wide {
+        instructions!(plus: _mm256_add_ps, minus: _mm256_sub_ps, times: _mm256_mul_ps, least: _mm256_min_ps, most: _mm256_max_ps);
+
+        #[inline(always)]
+        fn prefetch(address: usize) {
+            // SAFETY: a prefetch reads nothing and faults nowhere.
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(core::ptr::without_provenance(address)) };
+        }
+
+        #[inline(always)]
+        fn load(from: &Eight) -> Self {
+            // SAFETY: features as above; `Eight` is 32 bytes, aligned to 32.
+            Self(unsafe { _mm256_load_ps(from.0.as_ptr()) })
+        }
+
+        #[inline(always)]
+        fn store(self) -> Eight {
+            let mut to = Eight::default();
+            // SAFETY: features as above; `Eight` is 32 bytes, aligned to 32.
+            unsafe { _mm256_store_ps(to.0.as_mut_ptr(), self.0) };
+            to
+        }
+
+        #[inline(always)]
+        fn splat(value: f32) -> Self {
+            // SAFETY: features as above.
+            Self(unsafe { _mm256_set1_ps(value) })
+        }
+
+        #[inline(always)]
+        fn size(self) -> Self {
+            // SAFETY: features as above.
+            Self(unsafe { _mm256_andnot_ps(_mm256_set1_ps(-0.0), self.0) })
+        }
+
+        #[inline(always)]
+        fn at_most(self, other: Self) -> u32 {
+            // SAFETY: features as above.
+            unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(self.0, other.0)) as u32 }
+        }
+
+        #[inline(always)]
+        fn below(self, other: Self) -> u32 {
+            // SAFETY: features as above.
+            unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(self.0, other.0)) as u32 }
+        }
+    }
+}
