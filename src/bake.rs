@@ -87,6 +87,7 @@ struct Solution {
     /// Squared error of the mean of the halves, sum over front patches and channels [lx²]; see `finish::share`.
     squared_error: f64,
     gather_rays: u64,
+    shadow_rays: u64,
 }
 
 /// Runs stages, keeps their times, asks for interruption.
@@ -181,7 +182,7 @@ fn solve(
             DirectMode::Shoot => light::Direct { halves: [0, 1].map(|_| vec![Rgb::ZERO; patches.len()]), rays: 0 },
         }
     })?;
-    let halves = &direct.halves;
+    let (halves, shadow_rays) = (&direct.halves, direct.rays);
     let direct: Vec<Rgb> = parallel::map(patches.len(), |i| (halves[0][i] + halves[1][i]) * 0.5);
     let source = |i: usize| direct[i] * patches.exposed_area(i);
     let mut walks = clock.timed("walk", |progress| {
@@ -216,7 +217,7 @@ fn solve(
         |c: usize| walks.iter().map(|w| w.ledger.first().map_or(0.0, |b| b.received[c])).fold(0.0, |a, b| a + b);
     let power_in = if shoots { [0, 1, 2].map(|c| 0.5 * shot_in(c)) } else { gathered_in };
     let direct = [0, 1].map(|h| (0..patches.front).map(|i| halves[h][i] + walks[h].direct[i]).collect());
-    Ok(Solution { direct, indirect, walks, power_in, squared_error: 0.0, gather_rays })
+    Ok(Solution { direct, indirect, walks, power_in, squared_error: 0.0, gather_rays, shadow_rays })
 }
 
 fn walk_settings(settings: &Settings, patches: &Patches, half: u64, seed: u64) -> walk::Settings {

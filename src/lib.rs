@@ -64,6 +64,10 @@
 //! * A. Conty Estevez, C. Kulla: "Importance Sampling of Many Lights with Adaptive Tree Splitting". HPG 2018. Many lights.
 //! * O. Karlík, M. Šik, P. Vévoda, T. Skřivan, J. Křivánek: "MIS Compensation". SIGGRAPH Asia 2019. Environment maps.
 //! * J. Arvo: "Stratified Sampling of Spherical Triangles". SIGGRAPH 1995. Emissive surfaces.
+//! * F. Rousselle, M. Manzi, M. Zwicker: "Robust Denoising using Feature and Color Information". CGF 32(7), 2013. Two
+//!   buffers that judge each other: how far light is shared.
+//! * A. Ahmed, P. Wonka: "Screen-space Blue-noise Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of
+//!   Pixels". ACM TOG 39(6), 2020. Points along a Z-order curve.
 //! * B. Burley: "Practical Hash-based Owen Scrambling". JCGT 9(4), 2020. Low-discrepancy points.
 //! * S. Woop, C. Benthin, I. Wald: "Watertight Ray/Triangle Intersection". JCGT 2(1), 2013.
 //! * Khronos Group: glTF 2.0 specification and the extension `KHR_lights_punctual`. Units and falloff.

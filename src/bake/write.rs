@@ -104,8 +104,9 @@ fn report(
     let Facts { scene, atlas, patches, solution, .. } = facts;
     let text = |paths: &[PathBuf]| paths.iter().map(|p| p.display().to_string()).collect();
     let lines: u64 = solution.walks.iter().flat_map(|w| &w.ledger).map(|b| b.lines).sum();
-    let rays = lines + solution.gather_rays;
-    let walk_seconds = clock.stages.iter().filter(|s| s.name == "walk" || s.name == "gather").map(|s| s.seconds);
+    let rays = lines + solution.gather_rays + solution.shadow_rays;
+    let tracing = |s: &&report::Stage| ["direct", "walk", "gather"].contains(&s.name.as_str());
+    let tracing_seconds = clock.stages.iter().filter(tracing).map(|s| s.seconds);
     report::Report {
         version: env!("CARGO_PKG_VERSION").to_owned(),
         schema: report::SCHEMA,
@@ -135,7 +136,7 @@ fn report(
         },
         error: report::EstimatedError { estimated_nrmse: estimated_nrmse(patches, solution) },
         rays,
-        rays_per_second: rays as f64 / walk_seconds.fold(0.0, |a, b| a + b).max(1e-9),
+        rays_per_second: rays as f64 / tracing_seconds.fold(0.0, |a, b| a + b).max(1e-9),
         stages: clock.stages.clone(),
         peak_memory_bytes: peak_memory_bytes(),
         warnings,
