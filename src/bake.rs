@@ -249,7 +249,7 @@ fn gather_with(
     if half > first {
         let [mut a, mut b] = gathered.halves();
         let error = finish::share(field.patches, graph, [&mut a, &mut b]);
-        let rays = gather::second_round(&error.around, half - first);
+        let rays = gather::second_round(&error.around(field.patches, graph), half - first);
         gathered.add(field, |i| rays[i], progress);
     }
     (gathered.halves(), gathered.rays())
