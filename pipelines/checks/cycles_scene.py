@@ -462,8 +462,8 @@ def add_sky(zenith, horizon, ground):
     tree.links.new(both.outputs[0], background.inputs["Color"])
 
 
-def build(gltf_path, sky):
-    """Loads everything into a fresh Blender scene."""
+def build(gltf_path, sky, grid=1):
+    """Loads everything into a fresh Blender scene; its images have `grid` times the pages' width and height."""
     gltf = GltfFile(gltf_path)
     pages = lightmap_pages(gltf)
     bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -472,7 +472,7 @@ def build(gltf_path, sky):
         bpy.ops.import_scene.gltf(filepath=str(copy), export_import_convert_lighting_mode="COMPAT", merge_vertices=False, loglevel=40)
         images, result = {}, []
         for page in pages:
-            image = bpy.data.images.new(page["uri"], index(page["width"]), index(page["height"]), alpha=True, float_buffer=True, is_data=True)
+            image = bpy.data.images.new(page["uri"], grid * index(page["width"]), grid * index(page["height"]), alpha=True, float_buffer=True, is_data=True)
             images[index(page["texture"])] = image
             result.append((page, image))
         # Surfaces without a lightmap need a target too; nobody looks at it.

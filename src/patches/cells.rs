@@ -7,13 +7,21 @@ use super::{Patches, SurfacePoint};
 use glam::DVec2;
 
 /// Cells per side of the exposure mask.
-pub(super) const MASK_GRID: u32 = 4;
+pub(super) const MASK_GRID: u32 = 8;
+
+/// The cell of an n × n grid that a point in texel coordinates lies in, row by row.
+pub(super) fn cell_index(point: DVec2, n: u32) -> usize {
+    let cell = |v: f64| ((v * f64::from(n)) as u32).min(n - 1);
+    (cell(point.y) * n + cell(point.x)) as usize
+}
 
 impl Patches {
     /// Calls `visit(point, area)` for each cell of an n × n grid over the texel that the exposed part of the patch
-    /// touches; areas in texel².
+    /// touches; areas in texel². A partly hidden texel is cut at least as finely as its mask, so that the centroid of a
+    /// cell speaks for all of it.
     pub fn cells(&self, patch: usize, n: u32, mut visit: impl FnMut(SurfacePoint, f32)) {
         let front = self.front_patch(patch);
+        let n = if self.mask[front] == u64::MAX { n } else { n.max(MASK_GRID) };
         for f in self.fragments.range(front) {
             self.cell_centroids(front, f, n, |point, centroid, area| {
                 if self.cell_is_exposed(front, centroid) {

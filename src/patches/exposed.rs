@@ -3,14 +3,15 @@
 //! In: patches and tracer. Out: `exposed`, the cell mask, and centroids of what is exposed.
 //!
 //! Source: the point lists per texel of O'Donnell ("Precomputed Global Illumination in Frostbite", GDC 2018), as a mask
-//! of 4 × 4 cells. Where we differ: cells are tested only where something stands near or over the texel's centre.
+//! of 8 × 8 cells. Where we differ: cells are tested only where something stands near or over the texel's centre.
 //!
 //! A point is hidden when at least [`HIDDEN_HITS`] of [`PROBES`] rays over its hemisphere meet the back of single-sided
-//! surfaces: it then lies in a solid. Sheets and double-sided surfaces hide nothing.
+//! surfaces: it then lies in a solid. Sheets and double-sided surfaces hide nothing. A point of a single-sided surface is
+//! hidden too when another surface lies on it face to face, as the underside of a crate and the floor do.
 //!
 //! Limits: a floor that is closed in by single-sided surfaces which all face away from it counts as hidden.
 
-use super::cells::MASK_GRID;
+use super::cells::{MASK_GRID, cell_index};
 use super::{Patches, SurfacePoint};
 use crate::base::{Frame, Progress, parallel, warp};
 use crate::trace::{Ray, Tracer};
@@ -40,7 +41,7 @@ struct Cell {
 
 /// What was found for one texel.
 struct Found {
-    mask: u16,
+    mask: u64,
     exposed: f32,
     position: Vec3,
 }
@@ -76,17 +77,8 @@ fn texel(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> Option<Found> 
     if !is_hidden(tracer, center) && !is_crowded(patches, tracer, patch) {
         return None;
     }
-    let mut cells = [Cell::default(); (MASK_GRID * MASK_GRID) as usize];
-    for f in patches.fragments.range(patch) {
-        patches.cell_centroids(patch, f, MASK_GRID, |point, centroid, area| {
-            let at = |v: f64| ((v * f64::from(MASK_GRID)) as u32).min(MASK_GRID - 1);
-            let cell = &mut cells[(at(centroid.y) * MASK_GRID + at(centroid.x)) as usize];
-            cell.area += area;
-            cell.open += if is_hidden(tracer, point) { 0.0 } else { area };
-            cell.position += tracer.scene().position(point.triangle, point.b) * area;
-        });
-    }
-    let (mut mask, mut open, mut total, mut sum) = (0u16, 0.0f32, 0.0f32, Vec3::ZERO);
+    let cells = cells(patches, tracer, patch);
+    let (mut mask, mut open, mut total, mut sum) = (0u64, 0.0f32, 0.0f32, Vec3::ZERO);
     for (k, cell) in cells.iter().enumerate() {
         total += cell.area;
         // A cell counts whole or not at all, as the lines that land on it do.
@@ -105,8 +97,27 @@ fn texel(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> Option<Found> 
     Some(Found { mask, exposed: open / total, position: sum / open.max(f32::MIN_POSITIVE) })
 }
 
-/// Something stands within the texel.
+/// The surface in the cells of the mask.
+fn cells(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> [Cell; (MASK_GRID * MASK_GRID) as usize] {
+    let mut cells = [Cell::default(); (MASK_GRID * MASK_GRID) as usize];
+    for f in patches.fragments.range(patch) {
+        patches.cell_centroids(patch, f, MASK_GRID, |point, centroid, area| {
+            let cell = &mut cells[cell_index(centroid, MASK_GRID)];
+            cell.area += area;
+            cell.open += if is_hidden(tracer, point) { 0.0 } else { area };
+            cell.position += tracer.scene().position(point.triangle, point.b) * area;
+        });
+    }
+    cells
+}
+
+/// Something stands within the texel, or a part of it lies on something.
 fn is_crowded(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> bool {
+    let mut sealed = false;
+    patches.cells(patch, 2, |point, _| sealed |= is_sealed(tracer, point));
+    if sealed {
+        return true;
+    }
     let edge = patches.texel_edge(patch);
     let frame = Frame::from_normal(patches.normal[patch]);
     let origin = patches.position[patch] + frame.n * (LOW * edge);
@@ -117,7 +128,14 @@ fn is_crowded(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> bool {
     })
 }
 
+fn is_sealed(tracer: &Tracer<'_>, point: SurfacePoint) -> bool {
+    !tracer.scene().material(point.triangle).double_sided && tracer.sealed(point.triangle, point.b)
+}
+
 fn is_hidden(tracer: &Tracer<'_>, point: SurfacePoint) -> bool {
+    if is_sealed(tracer, point) {
+        return true;
+    }
     let scene = tracer.scene();
     let frame = Frame::from_normal(scene.geometric_normal(point.triangle));
     let mut misses = 0;

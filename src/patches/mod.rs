@@ -55,7 +55,7 @@ pub struct Patches {
     chart: Vec<u32>,
     grid: Vec<u32>,
     fragments: Fragments,
-    mask: Vec<u16>,
+    mask: Vec<u64>,
     surface: Vec<SurfaceTriangle>,
 }
 
@@ -153,7 +153,7 @@ impl Patches {
     #[must_use]
     pub fn bytes(&self) -> usize {
         self.len() * (12 + 12 + 4 + 4 + 12)
-            + self.front * (4 + 4 + 4 + 4 + 2)
+            + self.front * (4 + 4 + 4 + 4 + 8)
             + self.grid.len() * 4
             + self.fragments.triangle.len() * 8
             + self.surface.len() * size_of::<SurfaceTriangle>()

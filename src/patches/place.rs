@@ -3,7 +3,7 @@
 //! Invariant: a point drawn on a patch lies on its exposed part, so a patch neither sends nor receives light where it is
 //! inside another solid.
 
-use super::cells::MASK_GRID;
+use super::cells::{MASK_GRID, cell_index};
 use super::{NO_PATCH, Patches, SurfacePoint};
 use crate::atlas::raster::{self, Polygon};
 use crate::base::random::mix;
@@ -32,7 +32,7 @@ impl Patches {
     #[must_use]
     pub fn receives(&self, patch: usize, hit: &Hit) -> bool {
         let front = self.front_patch(patch);
-        if self.mask[front] == u16::MAX {
+        if self.mask[front] == u64::MAX {
             return true;
         }
         let uv = self.surface[hit.triangle as usize].at(hit);
@@ -116,7 +116,7 @@ impl Patches {
         let front = self.front_patch(patch);
         let mut u = u;
         let mut point = self.sample_any(front, u);
-        if self.mask[front] == u16::MAX {
+        if self.mask[front] == u64::MAX {
             return point.0;
         }
         for k in 0..MOST_DRAWS {
@@ -156,9 +156,7 @@ impl Patches {
     }
 
     pub(super) fn cell_is_exposed(&self, front: usize, point: DVec2) -> bool {
-        let n = f64::from(MASK_GRID);
-        let cell = |v: f64| ((v * n) as u32).min(MASK_GRID - 1);
-        self.mask[front] >> (cell(point.y) * MASK_GRID + cell(point.x)) & 1 == 1
+        self.mask[front] >> cell_index(point, MASK_GRID) & 1 == 1
     }
 }
 

@@ -39,7 +39,7 @@ pub(super) fn patches(scene: &Scene, atlas: &Atlas) -> Patches {
         texel: (0..front).map(|i| pieces[fragments.first[i] as usize].texel).collect(),
         page_size: atlas.page_size,
         grid: vec![NO_PATCH; atlas.page_size[0] as usize * atlas.page_size[1] as usize * atlas.pages as usize],
-        mask: vec![u16::MAX; front],
+        mask: vec![u64::MAX; front],
         fragments,
         surface,
         ..Patches::default()

@@ -29,6 +29,9 @@ use glam::{DVec3, Vec2, Vec3};
 use lanes::Portable;
 use traverse::traverse;
 
+/// Cosine between the normals of two surfaces that lie on each other, at most.
+const FACE_TO_FACE: f32 = -0.99;
+
 /// A half line or segment.
 #[derive(Debug, Clone, Copy)]
 pub struct Ray {
@@ -77,12 +80,17 @@ struct Ray3 {
     origin: Vec3,
     direction: DVec3,
     t_max: f32,
+    /// Triangle that it passes, or [`NO_TRIANGLE`].
+    passes: u32,
 }
+
+/// No triangle.
+const NO_TRIANGLE: u32 = u32::MAX;
 
 impl From<&Ray> for Ray3 {
     #[inline]
     fn from(ray: &Ray) -> Self {
-        Self { origin: ray.origin, direction: ray.direction.as_dvec3(), t_max: ray.t_max }
+        Self { origin: ray.origin, direction: ray.direction.as_dvec3(), t_max: ray.t_max, passes: NO_TRIANGLE }
     }
 }
 
@@ -134,7 +142,18 @@ impl<'a> Tracer<'a> {
     /// end by as much as `origin_on` has pushed it off its surface.
     #[must_use]
     pub fn segment_clear(&self, from: Vec3, to: Vec3) -> bool {
-        !self.any(Ray3 { origin: from, direction: to.as_dvec3() - from.as_dvec3(), t_max: 1.0 })
+        !self.any(Ray3 { origin: from, direction: to.as_dvec3() - from.as_dvec3(), t_max: 1.0, passes: NO_TRIANGLE })
+    }
+
+    /// Another surface lies on this point of a triangle's front, face to face: the foot of a chair on the floor. Rays
+    /// that leave the point start beyond that surface, as its distance is less than the push of [`Tracer::origin_on`].
+    #[must_use]
+    pub fn sealed(&self, triangle: u32, b: Vec2) -> bool {
+        let normal = self.scene.geometric_normal(triangle);
+        let [above, below] = [normal, -normal].map(|side| self.origin_on(triangle, b, side));
+        let direction = below.as_dvec3() - above.as_dvec3();
+        let hit = self.nearest(Ray3 { origin: above, direction, t_max: 1.0, passes: triangle });
+        hit.is_some_and(|h| !h.front && self.scene.geometric_normal(h.triangle).dot(normal) < FACE_TO_FACE)
     }
 
     #[inline]

@@ -179,6 +179,9 @@ fn improve(tracer: &Tracer<'_>, ray: &Ray3, shear: &Shear, packet: &Packet, lane
     if !((t > 0.0) & ((t < best.t) | ((t == best.t) & (triangle < best.triangle)))) {
         return false;
     }
+    if triangle == ray.passes {
+        return false;
+    }
     if tagged & Packet::TRANSPARENT != 0 && !stops(tracer, ray, triangle, crossing.weights()) {
         return false;
     }
