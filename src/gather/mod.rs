@@ -22,8 +22,8 @@
 
 use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, mix};
-use crate::base::{Frame, Progress, Rgb, parallel, warp};
-use crate::patches::Patches;
+use crate::base::{Progress, Rgb, parallel, warp};
+use crate::patches::{PatchSurface, Patches};
 use crate::trace::{Ray, Tracer};
 use core::f32::consts::PI;
 use glam::Vec2;
@@ -108,6 +108,7 @@ impl Field<'_> {
         if self.patches.exposed[patch] <= 0.0 || rays == 0 {
             return out;
         }
+        let surface = PatchSurface::new(self.tracer, self.patches, patch);
         let place = self.patches.curve_index(patch);
         let tile = u64::from(self.patches.page(patch)) << 32 | u64::from(place / TILE);
         out.rays = (before.rays + rays).min(MOST_RAYS);
@@ -116,7 +117,7 @@ impl Field<'_> {
             let sequence = Sequence::new(mix(self.seed ^ key));
             for k in before.rays..out.rays {
                 let [u, v, x, y] = sequence.point((place % TILE) * MOST_RAYS + k);
-                let Some(ray) = self.ray(patch, Vec2::new(u, v), Vec2::new(x, y)) else { continue };
+                let Some(ray) = ray(&surface, Vec2::new(u, v), Vec2::new(x, y)) else { continue };
                 let Some(hit) = self.tracer.closest_hit(&ray) else { continue };
                 if let Some(seen) = self.patches.at(&hit) {
                     out.sums[half] += radiance[seen];
@@ -125,17 +126,14 @@ impl Field<'_> {
         }
         out
     }
+}
 
-    /// `None` for a direction that a bent shading normal sends below the surface.
-    fn ray(&self, patch: usize, direction: Vec2, position: Vec2) -> Option<Ray> {
-        let point = self.patches.sample(patch, position);
-        let scene = self.tracer.scene();
-        let frame = Frame::from_normal(scene.shading_normal(point.triangle, point.b));
-        let direction = frame.to_world(warp::square_to_cosine_hemisphere(direction));
-        if direction.dot(scene.geometric_normal(point.triangle)) <= 0.0 {
-            return None;
-        }
-        let origin = self.tracer.origin_on(point.triangle, point.b, direction);
-        Some(Ray { origin, direction, t_max: f32::INFINITY })
+/// `None` for a direction that a bent shading normal sends below the surface.
+fn ray(surface: &PatchSurface<'_>, direction: Vec2, position: Vec2) -> Option<Ray> {
+    let spot = surface.sample(position);
+    let direction = surface.shading_frame(&spot).to_world(warp::square_to_cosine_hemisphere(direction));
+    if direction.dot(surface.normal(&spot)) <= 0.0 {
+        return None;
     }
+    Some(Ray { origin: surface.origin(&spot, direction), direction, t_max: f32::INFINITY })
 }

@@ -171,6 +171,7 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
         range: core::ops::Range<u32>,
         mut f: impl FnMut(&mut Look<'a>, &Place, f64, Vec2) -> Rgb,
     ) -> [Rgb; 2] {
+        let surface = look.patch_surface(patch);
         [0, 1].map(|half| {
             let key = (Stage::Light as u64) << 48 | (kind as u64) << 40 | half << 36;
             let key = mix(self.seed ^ mix(key).wrapping_add(patch as u64));
@@ -179,7 +180,7 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
             let mut sum = Rgb::ZERO;
             for k in range.clone() {
                 let [u, v, x, y] = sequence.point(k);
-                let place = look.place(patch, self.patches.sample(patch, Vec2::new(x, y)));
+                let place = look.spot(&surface, &surface.sample(Vec2::new(x, y)));
                 let pick = (offset + f64::from(k) * GOLDEN).fract();
                 sum += f(look, &place, pick, Vec2::new(u, v));
             }

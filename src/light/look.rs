@@ -4,20 +4,21 @@
 
 use super::Emitters;
 use super::emitters::Leaf;
-use super::piece::Sampled;
+use super::piece::{Piece, Sampled};
 use super::punctual;
 use super::site::Site;
 use super::tree::Cut;
 use crate::base::Rgb;
-use crate::patches::{Patches, SurfacePoint};
+use crate::patches::{PatchSurface, Patches, Spot, SurfacePoint};
 use crate::scene::{Light, Scene};
-use crate::trace::{Ray, Tracer};
+use crate::trace::{Ground, Ray, Tracer};
 use glam::{Vec2, Vec3};
 
 /// One place on a patch.
 #[derive(Clone, Copy)]
 pub(super) struct Place {
-    point: SurfacePoint,
+    ground: Ground,
+    b: Vec2,
     position: Vec3,
     normal: Vec3,
     geometric: Vec3,
@@ -36,6 +37,10 @@ impl<'a> Look<'a> {
         Self { tracer, patches, emitters, rays: 0 }
     }
 
+    pub(super) fn patch_surface(&self, patch: usize) -> PatchSurface<'a> {
+        PatchSurface::new(self.tracer, self.patches, patch)
+    }
+
     fn scene(&self) -> &'a Scene {
         self.tracer.scene()
     }
@@ -43,12 +48,29 @@ impl<'a> Look<'a> {
     pub(super) fn place(&self, patch: usize, point: SurfacePoint) -> Place {
         let scene = self.scene();
         let sign = if self.patches.is_back(patch) { -1.0 } else { 1.0 };
+        let ground = Ground::new(scene.corners(point.triangle));
         Place {
-            point,
+            ground,
+            b: point.b,
             position: scene.position(point.triangle, point.b),
-            normal: scene.shading_normal(point.triangle, point.b) * sign,
-            geometric: scene.geometric_normal(point.triangle) * sign,
+            normal: scene.shading_normal_over(point.triangle, point.b, ground.normal()) * sign,
+            geometric: ground.normal() * sign,
         }
+    }
+
+    /// A place that was drawn on a patch.
+    pub(super) fn spot(&self, surface: &PatchSurface<'_>, spot: &Spot) -> Place {
+        Place {
+            ground: *surface.ground(spot),
+            b: spot.point.b,
+            position: self.scene().position(spot.point.triangle, spot.point.b),
+            normal: surface.shading_frame(spot).n,
+            geometric: surface.normal(spot),
+        }
+    }
+
+    fn origin(&self, place: &Place, direction: Vec3) -> Vec3 {
+        self.tracer.leave(&place.ground, place.b, direction)
     }
 
     /// The texel as the choice among emitters sees it.
@@ -72,7 +94,7 @@ impl<'a> Look<'a> {
     pub(super) fn light(&mut self, place: &Place, light: &Light, u: Vec2) -> Rgb {
         let Some(seen) = punctual::seen_from(light, place.position, u) else { return Rgb::ZERO };
         let Some(cosine) = Self::cosine(place, seen.toward.normalize_or_zero()) else { return Rgb::ZERO };
-        let origin = self.tracer.origin_on(place.point.triangle, place.point.b, seen.toward);
+        let origin = self.origin(place, seen.toward);
         let ray = if seen.far {
             Ray { origin, direction: seen.toward, t_max: f32::INFINITY }
         } else {
@@ -89,20 +111,20 @@ impl<'a> Look<'a> {
         match self.emitters.pick(cut, &point, pick) {
             Some((Leaf::Piece(piece), probability)) => {
                 let sampled = piece.sample(self.scene(), place.position, probability, u);
-                sampled.map_or(Rgb::ZERO, |s| self.surface(place, &s))
+                sampled.map_or(Rgb::ZERO, |s| self.surface(place, piece, &s))
             }
             Some((Leaf::Bulb(light), probability)) => self.light(place, light, u) / probability,
             None => Rgb::ZERO,
         }
     }
 
-    fn surface(&mut self, place: &Place, s: &Sampled) -> Rgb {
+    fn surface(&mut self, place: &Place, piece: &Piece, s: &Sampled) -> Rgb {
         let Some(cosine) = Self::cosine(place, s.direction) else { return Rgb::ZERO };
         if s.weighted.max_element() <= 0.0 {
             return Rgb::ZERO;
         }
-        let origin = self.tracer.origin_on(place.point.triangle, place.point.b, s.direction);
-        let target = self.tracer.origin_on(s.triangle, s.b, -s.direction);
+        let origin = self.origin(place, s.direction);
+        let target = self.tracer.leave(&piece.ground, s.b, -s.direction);
         self.rays += 1;
         if self.tracer.occluded(&Ray { origin, direction: target - origin, t_max: 1.0 }) {
             return Rgb::ZERO;
@@ -119,7 +141,7 @@ impl<'a> Look<'a> {
         if density <= 0.0 || radiance.max_element() <= 0.0 {
             return Rgb::ZERO;
         }
-        let origin = self.tracer.origin_on(place.point.triangle, place.point.b, direction);
+        let origin = self.origin(place, direction);
         self.rays += 1;
         if self.tracer.occluded(&Ray { origin, direction, t_max: f32::INFINITY }) {
             return Rgb::ZERO;

@@ -10,6 +10,7 @@ use super::site::Site;
 use crate::base::color::luminance;
 use crate::base::{Rgb, warp};
 use crate::scene::Scene;
+use crate::trace::Ground;
 use core::f32::consts::PI;
 use glam::{Vec2, Vec3};
 
@@ -43,13 +44,14 @@ pub(super) struct Piece {
     /// The same, or a little in the dark: what it is chosen by.
     pub(super) radiance: Rgb,
     pub(super) two_sided: bool,
+    /// Its triangle, prepared for the ends of shadow rays.
+    pub(super) ground: Ground,
 }
 
 /// A direction toward an emitter and what comes from there if nothing is in between.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sampled {
     pub(super) direction: Vec3,
-    pub(super) triangle: u32,
     pub(super) b: Vec2,
     /// Radiance over probability density [cd/m² · sr].
     pub(super) weighted: Rgb,
@@ -131,6 +133,7 @@ impl Piece {
             mean,
             radiance: mean.max(material.emission * LEAST),
             two_sided: material.double_sided,
+            ground: Ground::new(scene.corners(triangle)),
         };
         (piece.area > 0.0 && piece.radiance.is_finite()).then_some(piece)
     }
@@ -189,7 +192,7 @@ impl Piece {
         let b = inside(self.b, at);
         let lit = self.two_sided || self.normal.dot(direction) < 0.0;
         let radiance = if lit { scene.emission(self.triangle, b) } else { Rgb::ZERO };
-        Some(Sampled { direction, triangle: self.triangle, b, weighted: radiance * (solid_angle / probability) })
+        Some(Sampled { direction, b, weighted: radiance * (solid_angle / probability) })
     }
 
     /// Unit direction, weights of the point of the piece that it leads to, and 1/density [sr].

@@ -45,7 +45,8 @@ impl Patches {
         mut visit: impl FnMut(SurfacePoint, DVec2, f32),
     ) {
         let triangle = self.fragments.triangle[f];
-        let at = |c: DVec2| SurfacePoint { triangle, b: self.barycentric(triangle, front, c) };
+        let map = self.map(triangle, front);
+        let at = |c: DVec2| SurfacePoint { triangle, b: map.weights(c) };
         let side = 1.0 / f64::from(n);
         if self.fragments.covered[f] > 0.999_999 {
             for k in 0..n * n {

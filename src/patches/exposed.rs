@@ -14,7 +14,7 @@
 use super::cells::{MASK_GRID, cell_index};
 use super::{Patches, SurfacePoint};
 use crate::base::{Frame, Progress, parallel, warp};
-use crate::trace::{Ray, Tracer};
+use crate::trace::{Ground, Ray, Tracer};
 use glam::{Vec2, Vec3};
 
 /// Rays per point. Fewer misjudge points near the mouth of a hollow.
@@ -114,7 +114,9 @@ fn cells(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> [Cell; (MASK_G
 /// Something stands within the texel, or a part of it lies on something.
 fn is_crowded(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> bool {
     let mut sealed = false;
-    patches.cells(patch, 2, |point, _| sealed |= is_sealed(tracer, point));
+    patches.cells(patch, 2, |point, _| {
+        sealed |= is_sealed(tracer, &Ground::new(tracer.scene().corners(point.triangle)), point);
+    });
     if sealed {
         return true;
     }
@@ -128,21 +130,22 @@ fn is_crowded(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> bool {
     })
 }
 
-fn is_sealed(tracer: &Tracer<'_>, point: SurfacePoint) -> bool {
-    !tracer.scene().material(point.triangle).double_sided && tracer.sealed(point.triangle, point.b)
+fn is_sealed(tracer: &Tracer<'_>, ground: &Ground, point: SurfacePoint) -> bool {
+    !tracer.scene().material(point.triangle).double_sided && tracer.sealed(ground, point.triangle, point.b)
 }
 
 fn is_hidden(tracer: &Tracer<'_>, point: SurfacePoint) -> bool {
-    if is_sealed(tracer, point) {
+    let scene = tracer.scene();
+    let ground = Ground::new(scene.corners(point.triangle));
+    if is_sealed(tracer, &ground, point) {
         return true;
     }
-    let scene = tracer.scene();
-    let frame = Frame::from_normal(scene.geometric_normal(point.triangle));
+    let frame = Frame::from_normal(ground.normal());
     let mut misses = 0;
     for k in 0..PROBES {
         let u = Vec2::new((k as f32 + 0.5) / PROBES as f32, (k as f32 * 0.618_034 + 0.3).fract());
         let direction = frame.to_world(warp::square_to_cosine_hemisphere(u));
-        let origin = tracer.origin_on(point.triangle, point.b, direction);
+        let origin = tracer.leave(&ground, point.b, direction);
         let hit = tracer.closest_hit(&Ray { origin, direction, t_max: f32::INFINITY });
         let behind = hit.is_some_and(|h| !h.front && !scene.material(h.triangle).double_sided);
         if !behind {

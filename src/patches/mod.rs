@@ -15,9 +15,11 @@ mod cells;
 mod exposed;
 mod graph;
 mod place;
+mod surface;
 mod texel;
 
 pub use graph::PatchGraph;
+pub use surface::{PatchSurface, Spot};
 
 use crate::atlas::Atlas;
 use crate::base::{Progress, Rgb};

@@ -3,15 +3,11 @@
 //! Invariant: a point drawn on a patch lies on its exposed part, so a patch neither sends nor receives light where it is
 //! inside another solid.
 
-use super::cells::{MASK_GRID, cell_index};
-use super::{NO_PATCH, Patches, SurfacePoint};
+use super::surface::Map;
+use super::{NO_PATCH, Patches};
 use crate::atlas::raster::{self, Polygon};
-use crate::base::random::mix;
 use crate::trace::Hit;
 use glam::{DVec2, Vec2};
-
-/// Draws before a point of a partly hidden texel is given up on; 2⁻⁵ of a texel is found with 40 % even then.
-const MOST_DRAWS: u32 = 16;
 
 impl Patches {
     /// The patch that a hit lands on; `None` on triangles without texels and on the back of single-sided ones.
@@ -99,64 +95,11 @@ impl Patches {
         raster::within_texel(self.surface[self.fragments.triangle[f] as usize].uv, x, y)
     }
 
-    /// Barycentric weights of a triangle at a point in a texel's coordinates, clamped to the triangle.
-    pub(super) fn barycentric(&self, triangle: u32, front: usize, point: DVec2) -> Vec2 {
+    /// From the texel's coordinates to the weights of a triangle.
+    pub(super) fn map(&self, triangle: u32, front: usize) -> Map {
         let (x, y) = self.texel_xy(front);
         let origin = DVec2::new(f64::from(x), f64::from(y));
-        let [a, b, c] = self.surface[triangle as usize].uv.map(|p| p.as_dvec2() - origin);
-        let area = (b - a).perp_dot(c - a);
-        let b1 = ((point - a).perp_dot(c - a) / area).clamp(0.0, 1.0);
-        let b2 = ((b - a).perp_dot(point - a) / area).clamp(0.0, 1.0 - b1);
-        Vec2::new(b1 as f32, b2 as f32)
-    }
-
-    /// A point of the patch's exposed part, uniform by area for uniform `u`; a well-spread `u` stays well-spread.
-    #[must_use]
-    pub fn sample(&self, patch: usize, u: Vec2) -> SurfacePoint {
-        let front = self.front_patch(patch);
-        let mut u = u;
-        let mut point = self.sample_any(front, u);
-        if self.mask[front] == u64::MAX {
-            return point.0;
-        }
-        for k in 0..MOST_DRAWS {
-            if self.cell_is_exposed(front, point.1) {
-                break;
-            }
-            let bits = mix(u64::from(u.x.to_bits()) << 32 | u64::from(u.y.to_bits()) ^ u64::from(k));
-            u = Vec2::new(
-                crate::base::random::unit_f32(bits as u32),
-                crate::base::random::unit_f32((bits >> 32) as u32),
-            );
-            point = self.sample_any(front, u);
-        }
-        point.0
-    }
-
-    fn sample_any(&self, front: usize, u: Vec2) -> (SurfacePoint, DVec2) {
-        let range = self.fragments.range(front);
-        let (mut f, mut u) = (range.start, u);
-        if range.len() > 1 {
-            let covered = &self.fragments.covered[range.clone()];
-            let total = covered.iter().fold(0.0, |a, b| a + b);
-            let mut target = u.x * total;
-            for (k, &c) in covered.iter().enumerate() {
-                f = range.start + k;
-                if target < c || k + 1 == covered.len() {
-                    u.x = (target / c.max(f32::MIN_POSITIVE)).clamp(0.0, 0.999_999_9);
-                    break;
-                }
-                target -= c;
-            }
-        }
-        let triangle = self.fragments.triangle[f];
-        let whole = range.len() == 1 && self.fragments.covered[f] > 0.999_999;
-        let point = if whole { u.as_dvec2() } else { self.polygon(front, f).sample(u) };
-        (SurfacePoint { triangle, b: self.barycentric(triangle, front, point) }, point)
-    }
-
-    pub(super) fn cell_is_exposed(&self, front: usize, point: DVec2) -> bool {
-        self.mask[front] >> cell_index(point, MASK_GRID) & 1 == 1
+        Map::new(self.surface[triangle as usize].uv.map(|p| p.as_dvec2() - origin))
     }
 }
 

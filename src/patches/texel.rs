@@ -127,7 +127,7 @@ fn summarise(scene: &Scene, patches: &Patches, charts: &[u32], patch: usize) -> 
         let surface = &patches.surface[triangle as usize];
         let area = f64::from(covered) * f64::from(surface.scale);
         let polygon = patches.polygon(patch, f);
-        let center = patches.barycentric(triangle, patch, polygon.centroid());
+        let center = patches.map(triangle, patch).weights(polygon.centroid());
         centroid += scene.position(triangle, center).as_dvec3() * area;
         normal += scene.geometric_normal(triangle).as_dvec3() * area;
         let (reflectance, emission) = mean_material(scene, patches, patch, f, center);

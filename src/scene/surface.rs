@@ -36,7 +36,12 @@ impl Scene {
     /// Interpolated unit normal, on the front side of the triangle.
     #[must_use]
     pub fn shading_normal(&self, triangle: u32, b: Vec2) -> Vec3 {
-        let geometric = self.geometric_normal(triangle);
+        self.shading_normal_over(triangle, b, self.geometric_normal(triangle))
+    }
+
+    /// The same, where the geometric normal is known.
+    #[must_use]
+    pub fn shading_normal_over(&self, triangle: u32, b: Vec2, geometric: Vec3) -> Vec3 {
         if self.part(triangle).flat {
             return geometric;
         }

@@ -23,6 +23,8 @@ mod stack;
 mod traverse;
 mod triangle;
 
+pub use origin::Ground;
+
 use crate::scene::Scene;
 use build::Hierarchy;
 use glam::{DVec3, Vec2, Vec3};
@@ -148,9 +150,9 @@ impl<'a> Tracer<'a> {
     /// Another surface lies on this point of a triangle's front, face to face: the foot of a chair on the floor. Rays
     /// that leave the point start beyond that surface, as its distance is less than the push of [`Tracer::origin_on`].
     #[must_use]
-    pub fn sealed(&self, triangle: u32, b: Vec2) -> bool {
-        let normal = self.scene.geometric_normal(triangle);
-        let [above, below] = [normal, -normal].map(|side| self.origin_on(triangle, b, side));
+    pub fn sealed(&self, ground: &Ground, triangle: u32, b: Vec2) -> bool {
+        let normal = ground.normal();
+        let [above, below] = [normal, -normal].map(|side| self.leave(ground, b, side));
         let direction = below.as_dvec3() - above.as_dvec3();
         let hit = self.nearest(Ray3 { origin: above, direction, t_max: 1.0, passes: triangle });
         hit.is_some_and(|h| !h.front && self.scene.geometric_normal(h.triangle).dot(normal) < FACE_TO_FACE)
@@ -182,7 +184,14 @@ impl<'a> Tracer<'a> {
     /// ray from a corner of a room starts inside it.
     #[must_use]
     pub fn origin_on(&self, triangle: u32, b: Vec2, direction: Vec3) -> Vec3 {
-        origin::leave(self.scene.corners(triangle), b, direction, self.hierarchy.reach())
+        self.leave(&Ground::new(self.scene.corners(triangle)), b, direction)
+    }
+
+    /// The same for a triangle that many rays leave.
+    #[must_use]
+    #[inline]
+    pub fn leave(&self, ground: &Ground, b: Vec2, direction: Vec3) -> Vec3 {
+        ground.leave(b, direction, self.hierarchy.reach())
     }
 
     /// Smallest and largest coordinates of the triangles that rays can meet [m]; zeros for an empty scene.

@@ -29,44 +29,63 @@ const INSET: f64 = 8.0;
 /// Four times the error bound of the triangle test, as part of the largest coordinate of the scene.
 const TEST_ERROR: f64 = 1.0 / (1u64 << 46) as f64;
 
-/// See [`super::Tracer::origin_on`]. `reach` is the largest absolute coordinate of the scene [m].
-pub(super) fn leave(corners: [Vec3; 3], b: Vec2, direction: Vec3, reach: f64) -> Vec3 {
-    let size = corners[0].abs().max(corners[1].abs()).max(corners[2].abs());
-    let ulp = DVec3::from_array(size.to_array().map(|s| f64::from(s.next_up()) - f64::from(s)));
-    let p = corners.map(|c| c.as_dvec3());
-    let cross = (p[1] - p[0]).cross(p[2] - p[0]);
-    let centroid = (p[0] + p[1] + p[2]) / 3.0;
-    let weights = inset(p, cross.length(), INSET * ulp.max_element(), b);
-    let position = p[0] * weights[0] + p[1] * weights[1] + p[2] * weights[2];
-    let mut normal = cross.normalize_or_zero();
-    if normal.dot(direction.as_dvec3()) < 0.0 {
-        normal = -normal;
-    }
-    let push = 2.0 * normal.abs().dot(ulp) + TEST_ERROR * reach;
-    let target = position + normal * push;
-    let axis = |k: usize| {
-        // Across the surface: away from it. Along it: inward, so that no corner point lands on the wall beside it.
-        let toward = if normal[k].abs() > 0.5 { normal[k] } else { centroid[k] - position[k] };
-        round_toward(target[k], toward)
-    };
-    Vec3::new(axis(0), axis(1), axis(2))
+/// A triangle prepared for the starts of many rays; see [`super::Tracer::leave`].
+#[derive(Debug, Clone, Copy)]
+pub struct Ground {
+    corners: [DVec3; 3],
+    centroid: DVec3,
+    normal: DVec3,
+    /// Part of the push that does not depend on the scene [m].
+    push: f64,
+    /// Least barycentric weight of each corner: [`INSET`] steps from the opposite edge, or as far as a small triangle allows.
+    least: [f64; 3],
 }
 
-/// Barycentric weights at least `distance` [m] away from every edge, or as far as a small triangle allows.
-fn inset(p: [DVec3; 3], double_area: f64, distance: f64, b: Vec2) -> [f64; 3] {
-    let b = b.as_dvec2();
-    let weights = [1.0 - b.x - b.y, b.x, b.y];
-    let edges = [p[1].distance(p[2]), p[2].distance(p[0]), p[0].distance(p[1])];
-    let mut inside = [0, 1, 2].map(|i| {
+impl Ground {
+    /// Prepares a triangle with these corners [m].
+    #[must_use]
+    pub fn new(corners: [Vec3; 3]) -> Self {
+        let size = corners[0].abs().max(corners[1].abs()).max(corners[2].abs());
+        let ulp = DVec3::from_array(size.to_array().map(|s| f64::from(s.next_up()) - f64::from(s)));
+        let p = corners.map(|c| c.as_dvec3());
+        let cross = (p[1] - p[0]).cross(p[2] - p[0]);
+        let normal = cross.normalize_or_zero();
+        let (double_area, distance) = (cross.length(), INSET * ulp.max_element());
+        let edges = [p[1].distance(p[2]), p[2].distance(p[0]), p[0].distance(p[1])];
         // The corner's distance from the opposite edge is double_area/edge.
-        let least = if double_area > 0.0 { (distance * edges[i] / double_area).min(1.0 / 3.0) } else { 0.0 };
-        weights[i].max(least)
-    });
-    let sum = inside[0] + inside[1] + inside[2];
-    for w in &mut inside {
-        *w /= sum;
+        let least = edges.map(|e| if double_area > 0.0 { (distance * e / double_area).min(1.0 / 3.0) } else { 0.0 });
+        Self { corners: p, centroid: (p[0] + p[1] + p[2]) / 3.0, normal, push: 2.0 * normal.abs().dot(ulp), least }
     }
-    inside
+
+    /// Unit normal of the front; zero for a triangle without area.
+    #[must_use]
+    pub fn normal(&self) -> Vec3 {
+        self.normal.as_vec3()
+    }
+
+    /// `reach` is the largest absolute coordinate of the scene [m].
+    #[inline]
+    pub(super) fn leave(&self, b: Vec2, direction: Vec3, reach: f64) -> Vec3 {
+        let p = &self.corners;
+        let weights = self.inset(b);
+        let position = p[0] * weights[0] + p[1] * weights[1] + p[2] * weights[2];
+        let normal = if self.normal.dot(direction.as_dvec3()) < 0.0 { -self.normal } else { self.normal };
+        let target = position + normal * (self.push + TEST_ERROR * reach);
+        let axis = |k: usize| {
+            // Across the surface: away from it. Along it: inward, so that no corner point lands on the wall beside it.
+            let toward = if normal[k].abs() > 0.5 { normal[k] } else { self.centroid[k] - position[k] };
+            round_toward(target[k], toward)
+        };
+        Vec3::new(axis(0), axis(1), axis(2))
+    }
+
+    fn inset(&self, b: Vec2) -> [f64; 3] {
+        let b = b.as_dvec2();
+        let [a, b, c] = [1.0 - b.x - b.y, b.x, b.y];
+        let inside = [a.max(self.least[0]), b.max(self.least[1]), c.max(self.least[2])];
+        let sum = inside[0] + inside[1] + inside[2];
+        inside.map(|w| w / sum)
+    }
 }
 
 /// The f32 next to `value` in the direction of the sign of `toward`; the nearest one if `toward` is 0.
@@ -98,24 +117,24 @@ mod tests {
     #[test]
     fn inner_points_stay_where_they_are() {
         let corners = [Vec3::new(0.0, 2.0, 0.0), Vec3::new(0.0, 2.0, 1.0), Vec3::new(1.0, 2.0, 0.0)];
-        let o = leave(corners, Vec2::new(0.25, 0.25), Vec3::Y, 2.0);
+        let o = Ground::new(corners).leave(Vec2::new(0.25, 0.25), Vec3::Y, 2.0);
         assert_eq!((o.x, o.z), (0.25, 0.25));
         let step = 2.0f32.next_up() - 2.0;
         assert!(o.y > 2.0 && o.y <= 2.0 + 4.0 * step, "{}", o.y);
-        let below = leave(corners, Vec2::new(0.25, 0.25), Vec3::new(1.0, -1e-6, 0.0), 2.0);
+        let below = Ground::new(corners).leave(Vec2::new(0.25, 0.25), Vec3::new(1.0, -1e-6, 0.0), 2.0);
         assert!(below.y < 2.0 && below.y >= 2.0 - 4.0 * step, "{}", below.y);
     }
 
     #[test]
     fn a_plane_through_zero_is_left_by_next_to_nothing() {
         let corners = [Vec3::ZERO, Vec3::Z * 10.0, Vec3::X * 10.0];
-        let o = leave(corners, Vec2::new(0.3, 0.3), Vec3::Y, 10.0);
+        let o = Ground::new(corners).leave(Vec2::new(0.3, 0.3), Vec3::Y, 10.0);
         assert!(o.y > 0.0 && o.y < 1e-12, "{}", o.y);
     }
 
     #[test]
     fn triangles_without_area_give_their_own_points() {
-        let o = leave([Vec3::ONE; 3], Vec2::new(0.3, 0.3), Vec3::Y, 1.0);
+        let o = Ground::new([Vec3::ONE; 3]).leave(Vec2::new(0.3, 0.3), Vec3::Y, 1.0);
         assert!((o - Vec3::ONE).length() < 1e-6);
     }
 }

@@ -9,8 +9,8 @@ use super::deposit::{Arrival, deposit};
 use super::{Bounce, EmittedLines, Settings};
 use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, mix};
-use crate::base::{Frame, Progress, Rgb, Stream, parallel, warp};
-use crate::patches::{PatchGraph, Patches};
+use crate::base::{Progress, Rgb, Stream, parallel, warp};
+use crate::patches::{PatchGraph, PatchSurface, Patches};
 use crate::trace::{Line, Ray, Tracer};
 use glam::{DVec3, Vec2};
 
@@ -63,6 +63,7 @@ impl Shooter<'_> {
         let tallies = parallel::map_chunks(lines as usize, CHUNK, |range| {
             let (mut tally, mut ends) = (Tally::default(), Vec::with_capacity(range.len()));
             self.progress.advance(range.len() as u64);
+            let mut prepared: Option<(usize, PatchSurface<'_>)> = None;
             let mut patch = running.partition_point(|&s| s <= (range.start as f64 + offset) * step);
             for k in range.filter(|_| !self.progress.cancelled()) {
                 let target = (k as f64 + offset) * step;
@@ -76,7 +77,11 @@ impl Shooter<'_> {
                     core::array::from_fn(|_| s.next_f32())
                 };
                 let share = step / super::mean(unshot[patch]).max(f64::MIN_POSITIVE);
-                let ray = leave(self.tracer, self.patches, patch, u);
+                let (_, surface) = match &prepared {
+                    Some(p) if p.0 == patch => p,
+                    _ => prepared.insert((patch, PatchSurface::new(self.tracer, self.patches, patch))),
+                };
+                let ray = leave(surface, u);
                 let line = Line { ray, flux: (unshot[patch].as_dvec3() * share).as_vec3() };
                 ends.extend(self.land(&line, &mut tally));
             }
@@ -138,12 +143,10 @@ impl Shooter<'_> {
 }
 
 /// A cosine-distributed ray from a uniform point of a patch.
-fn leave(tracer: &Tracer<'_>, patches: &Patches, patch: usize, u: [f32; 4]) -> Ray {
-    let point = patches.sample(patch, Vec2::new(u[0], u[1]));
-    let normal = tracer.scene().geometric_normal(point.triangle);
-    let frame = Frame::from_normal(if patches.is_back(patch) { -normal } else { normal });
-    let direction = frame.to_world(warp::square_to_cosine_hemisphere(Vec2::new(u[2], u[3])));
-    Ray { origin: tracer.origin_on(point.triangle, point.b, direction), direction, t_max: f32::INFINITY }
+fn leave(surface: &PatchSurface<'_>, u: [f32; 4]) -> Ray {
+    let spot = surface.sample(Vec2::new(u[0], u[1]));
+    let direction = surface.frame(&spot).to_world(warp::square_to_cosine_hemisphere(Vec2::new(u[2], u[3])));
+    Ray { origin: surface.origin(&spot, direction), direction, t_max: f32::INFINITY }
 }
 
 /// Running sum of the mean of the channels; the last entry is the total.

@@ -1,0 +1,181 @@
+//! The surface of one patch, prepared for the many rays that leave it.
+//!
+//! In: tracer, patches, a patch. Out: points that are uniform over its exposed part, with normals and starts of rays.
+//!
+//! What does not change from ray to ray is found once per patch: clipped polygons, the map from the texel to its
+//! triangles, normals and the bounds of rounding errors. Found anew for each ray, that cost two thirds of a gather.
+//!
+//! Invariants: a point drawn on a patch lies on its exposed part, so a patch does not send light from where it is inside
+//! another solid; well-spread numbers give well-spread points.
+
+use super::cells::cell_index;
+use super::{Patches, SurfacePoint};
+use crate::atlas::raster::Polygon;
+use crate::base::Frame;
+use crate::base::random::{mix, unit_f32};
+use crate::trace::{Ground, Tracer};
+use glam::{DVec2, Vec2, Vec3};
+
+/// Draws before a point of a partly hidden texel is given up on; 2⁻⁵ of a texel is found with 40 % even then.
+const MOST_DRAWS: u32 = 16;
+
+/// The surface of one patch, on its own side.
+pub struct PatchSurface<'a> {
+    patches: &'a Patches,
+    tracer: &'a Tracer<'a>,
+    front: usize,
+    back: bool,
+    /// Covered part of the texel [texel²].
+    covered: f32,
+    fragments: Vec<Fragment>,
+}
+
+/// The part of a triangle within the texel.
+struct Fragment {
+    triangle: u32,
+    covered: f32,
+    /// `None` where it covers the whole texel.
+    polygon: Option<Polygon>,
+    map: Map,
+    ground: Ground,
+    /// Geometric normal on the patch's side.
+    normal: Vec3,
+    /// Around that normal; `None` where the surface is shaded smoothly.
+    frame: Option<Frame>,
+}
+
+/// From texel coordinates to the weights of a triangle's vertices 1 and 2.
+pub(super) struct Map {
+    corner: DVec2,
+    edges: [DVec2; 2],
+    area: f64,
+}
+
+/// A point on the surface of a patch.
+#[derive(Debug, Clone, Copy)]
+pub struct Spot {
+    fragment: usize,
+    /// Where it is in the scene.
+    pub point: SurfacePoint,
+}
+
+impl Map {
+    /// `corners` in texels relative to the texel.
+    pub(super) fn new([a, b, c]: [DVec2; 3]) -> Self {
+        Self { corner: a, edges: [b - a, c - a], area: (b - a).perp_dot(c - a) }
+    }
+
+    /// Clamped to the triangle.
+    pub(super) fn weights(&self, point: DVec2) -> Vec2 {
+        let p = point - self.corner;
+        let b1 = (p.perp_dot(self.edges[1]) / self.area).clamp(0.0, 1.0);
+        let b2 = (self.edges[0].perp_dot(p) / self.area).clamp(0.0, 1.0 - b1);
+        Vec2::new(b1 as f32, b2 as f32)
+    }
+}
+
+impl<'a> PatchSurface<'a> {
+    /// Prepares a patch.
+    #[must_use]
+    pub fn new(tracer: &'a Tracer<'a>, patches: &'a Patches, patch: usize) -> Self {
+        let (front, back, scene) = (patches.front_patch(patch), patches.is_back(patch), tracer.scene());
+        let fragment = |f: usize| {
+            let (triangle, covered) = (patches.fragments.triangle[f], patches.fragments.covered[f]);
+            let ground = Ground::new(scene.corners(triangle));
+            let normal = if back { -ground.normal() } else { ground.normal() };
+            Fragment {
+                triangle,
+                covered,
+                polygon: (covered <= 0.999_999).then(|| patches.polygon(front, f)),
+                map: patches.map(triangle, front),
+                ground,
+                normal,
+                frame: scene.part(triangle).flat.then(|| Frame::from_normal(normal)),
+            }
+        };
+        let fragments: Vec<_> = patches.fragments.range(front).map(fragment).collect();
+        let covered = fragments.iter().map(|f| f.covered).fold(0.0, |a, b| a + b);
+        Self { patches, tracer, front, back, covered, fragments }
+    }
+
+    /// A point of the exposed part, uniform by area for uniform `u`.
+    #[must_use]
+    pub fn sample(&self, u: Vec2) -> Spot {
+        let (mut u, mut drawn) = (u, self.draw(u));
+        if self.patches.mask[self.front] == u64::MAX {
+            return drawn.0;
+        }
+        for k in 0..MOST_DRAWS {
+            if self.patches.cell_is_exposed(self.front, drawn.1) {
+                break;
+            }
+            let bits = mix(u64::from(u.x.to_bits()) << 32 | u64::from(u.y.to_bits()) ^ u64::from(k));
+            u = Vec2::new(unit_f32(bits as u32), unit_f32((bits >> 32) as u32));
+            drawn = self.draw(u);
+        }
+        drawn.0
+    }
+
+    /// A point of the patch, hidden or not, and where it is in the texel.
+    fn draw(&self, u: Vec2) -> (Spot, DVec2) {
+        let (mut k, mut u) = (0, u);
+        if self.fragments.len() > 1 {
+            let mut target = u.x * self.covered;
+            for (i, f) in self.fragments.iter().enumerate() {
+                k = i;
+                if target < f.covered || i + 1 == self.fragments.len() {
+                    u.x = (target / f.covered.max(f32::MIN_POSITIVE)).clamp(0.0, 0.999_999_9);
+                    break;
+                }
+                target -= f.covered;
+            }
+        }
+        let fragment = &self.fragments[k];
+        let at = fragment.polygon.as_ref().map_or_else(|| u.as_dvec2(), |p| p.sample(u));
+        let point = SurfacePoint { triangle: fragment.triangle, b: fragment.map.weights(at) };
+        (Spot { fragment: k, point }, at)
+    }
+
+    /// Geometric normal, on the patch's side.
+    #[must_use]
+    pub fn normal(&self, spot: &Spot) -> Vec3 {
+        self.fragments[spot.fragment].normal
+    }
+
+    /// A frame around the geometric normal, on the patch's side.
+    #[must_use]
+    pub fn frame(&self, spot: &Spot) -> Frame {
+        let fragment = &self.fragments[spot.fragment];
+        fragment.frame.unwrap_or_else(|| Frame::from_normal(fragment.normal))
+    }
+
+    /// A frame around the shading normal, on the patch's side.
+    #[must_use]
+    pub fn shading_frame(&self, spot: &Spot) -> Frame {
+        let fragment = &self.fragments[spot.fragment];
+        fragment.frame.unwrap_or_else(|| {
+            let SurfacePoint { triangle, b } = spot.point;
+            let normal = self.tracer.scene().shading_normal_over(triangle, b, fragment.ground.normal());
+            Frame::from_normal(if self.back { -normal } else { normal })
+        })
+    }
+
+    /// The triangle below a point, prepared for rays.
+    #[must_use]
+    pub fn ground(&self, spot: &Spot) -> &Ground {
+        &self.fragments[spot.fragment].ground
+    }
+
+    /// Origin for a ray from a point toward a direction; see [`Tracer::origin_on`].
+    #[must_use]
+    #[inline]
+    pub fn origin(&self, spot: &Spot, direction: Vec3) -> Vec3 {
+        self.tracer.leave(self.ground(spot), spot.point.b, direction)
+    }
+}
+
+impl Patches {
+    pub(super) fn cell_is_exposed(&self, front: usize, point: DVec2) -> bool {
+        self.mask[front] >> cell_index(point, super::cells::MASK_GRID) & 1 == 1
+    }
+}
