@@ -135,6 +135,12 @@ pub struct Options {
     /// Most bounces of reflected light; without it, until what is left is negligible
     #[arg(long, value_name = "N", help_heading = "Solver")]
     pub bounces: Option<u32>,
+    /// Refine until the estimated relative error is X, for example 0.02; the budget above only sets the proportions
+    #[arg(long, value_name = "X", help_heading = "Solver")]
+    pub target_error: Option<f64>,
+    /// Refine until S seconds have passed since the start, or until --target-error; the result then depends on the machine
+    #[arg(long, value_name = "S", help_heading = "Solver")]
+    pub time_limit: Option<f64>,
     /// Chooses the random numbers
     #[arg(long, value_name = "N", help_heading = "Solver")]
     pub seed: Option<u64>,
@@ -206,6 +212,12 @@ pub struct Settings {
     pub gather: u32,
     /// Most bounces.
     pub bounces: Option<u32>,
+    /// Estimated error at which to stop refining.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub target_error: Option<f64>,
+    /// Seconds of the whole bake.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub time_limit: Option<f64>,
     /// Chooses the random numbers.
     pub seed: u64,
     /// Scene of the document.
@@ -278,6 +290,8 @@ impl Options {
             lines_per_texel,
             gather,
             bounces,
+            target_error,
+            time_limit,
             seed,
             scene,
             sky,
@@ -316,6 +330,8 @@ impl Options {
             lines_per_texel: within("--lines-per-texel", self.lines_per_texel.unwrap_or(32.0), 1e-3, 1e6)?,
             gather: within("--gather", self.gather.unwrap_or(64), 0, 1 << 20)?,
             bounces: self.bounces,
+            target_error: self.target_error.map(|x| positive("--target-error", x)).transpose()?,
+            time_limit: self.time_limit.map(|s| positive("--time-limit", s)).transpose()?,
             seed: self.seed.unwrap_or(0),
             scene: self.scene,
             sky: [zenith, horizon, self.sky_ground.unwrap_or(horizon)],
@@ -371,6 +387,16 @@ fn within<T: PartialOrd + core::fmt::Display>(option: &str, value: T, low: T, hi
     Err(Invalid(format!("{option} {value} is out of range; it must lie between {low} and {high}")))
 }
 
+/// Far above any error or number of seconds that means something, and small enough to be a time.
+const MOST: f64 = 1e9;
+
+fn positive(option: &str, value: f64) -> Result<f64, Invalid> {
+    if value > 0.0 && value <= MOST {
+        return Ok(value);
+    }
+    Err(Invalid(format!("{option} {value} is out of range; it must be above 0 and at most {MOST}")))
+}
+
 fn parse_color(text: &str) -> Result<[f32; 3], String> {
     let numbers: Result<Vec<f32>, _> = text.split(',').map(|v| v.trim().parse()).collect();
     match numbers.as_deref() {
@@ -411,6 +437,10 @@ mod tests {
         assert!(wrong("texel-size = 0.0").contains("--texels-per-meter"));
         assert!(wrong("texels-per-meter = nan").contains("--texels-per-meter"));
         assert!(wrong("sky = [-1, 0, 0]").contains("--sky"));
+        for bad in ["0.0", "-1.0", "nan", "inf"] {
+            assert!(wrong(&format!("target-error = {bad}")).contains("--target-error"));
+            assert!(wrong(&format!("time-limit = {bad}")).contains("--time-limit"));
+        }
     }
 
     #[test]
