@@ -5,6 +5,8 @@
 //! `solve` is one pass of the solver, `refine` makes as many of them as `plan` says; `write` puts results into files.
 
 mod clock;
+mod groups;
+mod layers;
 mod plan;
 mod power;
 mod refine;
@@ -14,7 +16,6 @@ mod write;
 use crate::atlas::{self, Atlas};
 use crate::base::{Progress, Rgb, Warned, Warning, parallel};
 use crate::finish::{self, Errors, Lightmap};
-use crate::light::Emitters;
 use crate::output::{self, report};
 use crate::patches::{PatchGraph, Patches};
 use crate::scene::{self, Scene};
@@ -22,6 +23,7 @@ use crate::settings::{Quantity, Settings};
 use crate::trace::Tracer;
 use clock::Clock;
 use core::f32::consts::FRAC_1_PI;
+use groups::Group;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -82,6 +84,8 @@ pub struct Outcome {
 #[derive(Debug, Default)]
 struct Solution {
     halves: solve::Halves,
+    /// Irradiance by each group, if there are several; `halves` are their sum [lx].
+    groups: Vec<Vec<Rgb>>,
     /// Of direct and of indirect light; see `finish::share`.
     errors: [Errors; 2],
     power: report::Walk,
@@ -107,15 +111,15 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     warnings.extend(charted.warnings);
     let patches = clock.timed("patches", |progress| Patches::new(&tracer, &atlas, progress))?;
     let graph = clock.timed("links", |progress| PatchGraph::new(&patches, &tracer, progress))?;
-    let emitters = Emitters::new(&scene);
+    let groups = groups::groups(&scene, settings.light_groups);
     let facts = write::Facts { request, scene: &scene, atlas: &atlas, patches: &patches };
-    let finished = |solution: &Solution| lightmap(settings, &patches, &atlas, solution);
+    let setup = solve::Setup { settings, tracer: &tracer, patches: &patches, graph: &graph };
+    let finished = |solution: &Solution| results(&setup, &groups, &atlas, solution);
     let rehearse = |solution: &Solution| facts.encode(&finished(solution)).map(|_| ());
-    let setup = solve::Setup { settings, tracer: &tracer, patches: &patches, graph: &graph, emitters: &emitters };
-    let mut solution = refine::refine(&setup, &mut clock, &rehearse)?;
+    let mut solution = refine::refine(&setup, &groups, &mut clock, &rehearse)?;
     warnings.append(&mut solution.warnings);
-    let lightmap = clock.timed("finish", |_| finished(&solution))?;
-    facts.write(&solution, lightmap, warnings, &mut clock)
+    let results = clock.timed("finish", |_| finished(&solution))?;
+    facts.write(&solution, results, warnings, &mut clock)
 }
 
 /// The document, and the environment that the settings name.
@@ -148,35 +152,37 @@ fn atlas_settings(settings: &Settings, cancel: Arc<std::sync::atomic::AtomicBool
 }
 
 impl Solution {
-    /// Irradiance by half `h` of the random numbers at front patch `i` [lx].
-    fn half(&self, h: usize, i: usize) -> Rgb {
-        self.halves.direct[h][i] + self.halves.indirect[h][i]
-    }
-
-    /// Irradiance at front patch `i` [lx].
-    fn irradiance(&self, i: usize) -> Rgb {
-        (self.half(0, i) + self.half(1, i)) * 0.5
-    }
-
     /// Root mean square of the error over the mean, all channels and covered texels alike: noise of direct light, walk and
     /// gather, and bias of sharing.
     fn estimated_nrmse(&self, patches: &Patches) -> Option<f64> {
-        let total = parallel::sum(patches.front, |i| f64::from(self.irradiance(i).element_sum()));
+        let total = parallel::sum(patches.front, |i| f64::from(self.halves.at(i).element_sum()));
         let n = 3.0 * patches.front as f64;
         let [direct, indirect] = &self.errors;
         (total > 0.0).then(|| ((indirect.sum() + direct.sum()) / n).sqrt() / (total / n))
     }
 }
 
-fn lightmap(settings: &Settings, patches: &Patches, atlas: &Atlas, solution: &Solution) -> Lightmap {
+/// Puts light on pages: the sum of all groups, each group, and what else is asked for.
+fn results(setup: &solve::Setup<'_>, groups: &[Group], atlas: &Atlas, solution: &Solution) -> write::Results {
+    let settings = setup.settings;
     let factor = match settings.quantity {
         Quantity::Radiosity => FRAC_1_PI,
         Quantity::Irradiance => 1.0,
     };
-    let values = parallel::map(patches.front, |i| solution.irradiance(i));
-    let mut lightmap = finish::assemble(patches, atlas.pages, &values, factor);
-    for page in &mut lightmap.pages {
-        finish::dilate(page, settings.padding.max(1));
+    let lightmap = |values: &[Rgb]| {
+        let mut lightmap = finish::assemble(setup.patches, atlas.pages, values, factor);
+        for page in &mut lightmap.pages {
+            finish::dilate(page, settings.padding.max(1));
+        }
+        lightmap
+    };
+    let whole = solution.halves.irradiance();
+    // A single group is the whole; it gets its file all the same where groups are asked for.
+    let values = if solution.groups.is_empty() { core::slice::from_ref(&whole) } else { solution.groups.as_slice() };
+    let named = groups.iter().zip(values).filter(|_| settings.light_groups);
+    write::Results {
+        groups: named.map(|(group, values)| (group.name.clone(), lightmap(values))).collect(),
+        aovs: layers::layers(setup, atlas.pages, solution, factor),
+        lightmap: lightmap(&whole),
     }
-    lightmap
 }

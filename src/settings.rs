@@ -8,6 +8,7 @@ use crate::atlas::Uv;
 use crate::base::Rgb;
 use crate::scene::Sky;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 /// The named settings that ship with texelwalk.
@@ -82,6 +83,18 @@ pub enum UvMode {
     Generate,
 }
 
+/// What `--aov` can put beside the light.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Aov {
+    /// Standard error of each texel, root mean square over the channels.
+    Stderr,
+    /// Light straight from its sources.
+    Direct,
+    /// Light after at least one reflection.
+    Indirect,
+}
+
 /// Options of `bake` that a preset or a configuration file may hold.
 #[derive(Debug, Clone, Default, clap::Args, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
@@ -107,6 +120,19 @@ pub struct Options {
     /// What a texel holds
     #[arg(long, value_enum, value_name = "QUANTITY", help_heading = "Lightmap")]
     pub quantity: Option<Quantity>,
+    /// Further layers for every page, in NAME.aov0.exr, with commas
+    #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',', help_heading = "Lightmap")]
+    pub aov: Option<Vec<Aov>>,
+    /// A lightmap for each group of lights, NAME.lightmap-GROUP0.exr, besides their sum; as many times the work [default: false]
+    #[arg(
+        long,
+        value_name = "BOOL",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "true",
+        help_heading = "Lightmap"
+    )]
+    pub light_groups: Option<bool>,
 
     /// What a line of the walk does at its hit
     #[arg(long, value_enum, value_name = "MODE", help_heading = "Solver")]
@@ -194,6 +220,12 @@ pub struct Settings {
     pub uv: UvMode,
     /// What a texel holds.
     pub quantity: Quantity,
+    /// Further layers, each once.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub aov: Vec<Aov>,
+    /// A lightmap per group of lights.
+    #[serde(skip_serializing_if = "core::ops::Not::not")]
+    pub light_groups: bool,
     /// What a line does at its hit.
     pub splat: SplatMode,
     /// The paper's α [bit].
@@ -281,6 +313,8 @@ impl Options {
             padding,
             uv,
             quantity,
+            aov,
+            light_groups,
             splat,
             alpha,
             beta,
@@ -321,6 +355,8 @@ impl Options {
             padding: within("--padding", self.padding.unwrap_or(2), 0, 64)?,
             uv: self.uv.unwrap_or(UvMode::Auto),
             quantity: self.quantity.unwrap_or(Quantity::Radiosity),
+            aov: self.aov.iter().flatten().copied().collect::<BTreeSet<_>>().into_iter().collect(),
+            light_groups: self.light_groups.unwrap_or(false),
             splat: self.splat.unwrap_or(SplatMode::Share),
             alpha: within("--alpha", self.alpha.unwrap_or(5.0), 0.0, 100.0)?,
             beta: within("--beta", self.beta.unwrap_or(15.0), 0.0, 100.0)?,

@@ -8,9 +8,12 @@
 //! thrown away.
 
 use super::clock::{Clock, Stop};
+use super::groups::Group;
 use super::plan::{Done, End, Goals, Plan, Step};
+use super::power;
 use super::solve::{Budget, Halves, Setup, Solver};
 use super::{Error, Solution};
+use crate::base::random::mix;
 use crate::base::{Rgb, Warning};
 use crate::finish::{self, Errors};
 use crate::output::report;
@@ -18,12 +21,15 @@ use crate::settings::{DirectMode, SplatMode};
 
 /// Seconds to hold back for putting files in place.
 const WRITE_SECONDS: f64 = 0.1;
+/// Keeps the seeds of groups apart from those of passes.
+const GROUPS: u64 = 0x6c69_6768_7473;
 /// Times what was measured, to hold back for sharing and encoding.
 const SLOWER: f64 = 1.2;
 
-/// Solves. `rehearse` does what comes after, up to the encoded files, and forgets it.
+/// Solves, each group by itself. `rehearse` does what comes after, up to the encoded files, and forgets it.
 pub(super) fn refine(
     setup: &Setup<'_>,
+    groups: &[Group],
     clock: &mut Clock<'_>,
     rehearse: &dyn Fn(&Solution) -> Result<(), Error>,
 ) -> Result<Solution, Error> {
@@ -31,7 +37,9 @@ pub(super) fn refine(
     let goals = Goals { error: settings.target_error, seconds: settings.time_limit };
     let mut plan =
         Plan::new(goals, settings.gather, [Budget::most(settings, setup.patches), Budget::most_of_all(settings)]);
-    let mut solver = Solver::new(setup.patches);
+    let seed = |k: u64| if k == 0 { settings.seed } else { mix(settings.seed ^ mix(GROUPS ^ k)) };
+    let mut solvers: Vec<Solver<'_>> =
+        (0..).zip(groups).map(|(k, g)| Solver::new(setup.patches, &g.emitters, seed(k))).collect();
     let mut best = Solution::default();
     let end = loop {
         let budget = match plan.next(clock.elapsed()) {
@@ -40,13 +48,13 @@ pub(super) fn refine(
         };
         let start = clock.elapsed();
         let own = Budget::new(settings, setup.patches, budget, plan.done.len() as u64);
-        match clock.within(plan.left(start), |clock| solver.pass(setup, &own, clock)) {
+        match clock.within(plan.left(start), |clock| solvers.iter_mut().try_for_each(|s| s.pass(setup, &own, clock))) {
             Ok(()) => {}
             Err(Stop::Expired) => break End::Time,
             Err(stop) => return Err(stop.into()),
         }
         let seconds = clock.elapsed() - start;
-        best = shared(setup, &solver, clock)?;
+        best = shared(setup, &solvers, clock)?;
         let sharing = clock.elapsed() - start - seconds;
         plan.done.push(Done { budget, error: best.estimated_nrmse(setup.patches).unwrap_or(0.0), seconds });
         if let Some(limit) = goals.seconds.filter(|&limit| plan.done.len() == 1 && clock.elapsed() < limit) {
@@ -62,11 +70,26 @@ pub(super) fn refine(
 }
 
 /// The light that was found, shared, and its error.
-fn shared(setup: &Setup<'_>, solver: &Solver, clock: &mut Clock<'_>) -> Result<Solution, Stop> {
-    let mut halves = solver.halves(setup);
-    let errors = clock.timed("share", |_| share(setup, &mut halves))?;
-    let (power, shadow_rays) = (solver.power, solver.shadow_rays);
-    Ok(Solution { halves, errors, power, shadow_rays, gather_rays: solver.gather_rays(), ..Solution::default() })
+fn shared(setup: &Setup<'_>, solvers: &[Solver<'_>], clock: &mut Clock<'_>) -> Result<Solution, Stop> {
+    let mut all = Solution::default();
+    for (k, solver) in solvers.iter().enumerate() {
+        let mut halves = solver.halves(setup);
+        let errors = clock.timed("share", |_| share(setup, &mut halves))?;
+        if solvers.len() > 1 {
+            all.groups.push(halves.irradiance());
+        }
+        if k == 0 {
+            (all.halves, all.errors, all.power) = (halves, errors, solver.power);
+        } else {
+            all.halves.add(&halves);
+            // Groups have random numbers of their own, so squares add up.
+            all.errors.iter_mut().zip(&errors).for_each(|(sum, own)| sum.add(own));
+            all.power = power::sum(&all.power, &solver.power);
+        }
+        all.shadow_rays += solver.shadow_rays;
+        all.gather_rays += solver.gather_rays();
+    }
+    Ok(all)
 }
 
 /// Lets indirect light flow between linked texels; shot direct light is as noisy and flows too. Errors of direct and of

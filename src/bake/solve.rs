@@ -28,7 +28,6 @@ pub(super) struct Setup<'a> {
     pub(super) tracer: &'a Tracer<'a>,
     pub(super) patches: &'a Patches,
     pub(super) graph: &'a PatchGraph,
-    pub(super) emitters: &'a Emitters,
 }
 
 /// What one pass may spend.
@@ -40,8 +39,8 @@ pub(super) struct Budget {
     pub(super) lines: u64,
     /// Final-gather rays per texel.
     pub(super) gather: u32,
-    /// Chooses the random numbers.
-    pub(super) seed: u64,
+    /// Number of the pass.
+    pub(super) pass: u64,
 }
 
 /// Irradiance of the front patches by two halves of the random numbers [lx].
@@ -53,7 +52,10 @@ pub(super) struct Halves {
 
 /// What the passes so far have found, on all patches.
 #[derive(Debug)]
-pub(super) struct Solver {
+pub(super) struct Solver<'a> {
+    emitters: &'a Emitters,
+    /// Chooses the random numbers.
+    seed: u64,
     /// Irradiance by shadow rays [lx].
     direct: [Vec<Rgb>; 2],
     /// Irradiance by the walks, straight from the emitters and after reflections [lx].
@@ -65,16 +67,37 @@ pub(super) struct Solver {
     pub(super) shadow_rays: u64,
 }
 
+impl Halves {
+    /// Mean of the halves [lx].
+    pub(super) fn irradiance(&self) -> Vec<Rgb> {
+        parallel::map(self.direct[0].len(), |i| self.at(i))
+    }
+
+    /// Mean of the halves at one front patch [lx].
+    pub(super) fn at(&self, i: usize) -> Rgb {
+        let half = |h: usize| self.direct[h][i] + self.indirect[h][i];
+        (half(0) + half(1)) * 0.5
+    }
+
+    /// Light of other sources comes on top.
+    pub(super) fn add(&mut self, other: &Self) {
+        for (own, others) in [(&mut self.direct, &other.direct), (&mut self.indirect, &other.indirect)] {
+            for (own, others) in own.iter_mut().zip(others) {
+                own.iter_mut().zip(others).for_each(|(a, b)| *a += *b);
+            }
+        }
+    }
+}
+
 impl Budget {
-    /// The settings' own budget times `factor`, for pass number `pass`; pass 0 by a factor of 1 is the settings' own.
+    /// The settings' own budget times `factor`, for pass number `pass`.
     pub(super) fn new(settings: &Settings, patches: &Patches, factor: f64, pass: u64) -> Self {
         let times = |n: u32, least: u32| ((f64::from(n) * factor).round() as u32).max(least);
-        let seed = if pass == 0 { settings.seed } else { mix(settings.seed ^ mix(pass)) };
         Self {
             direct_samples: times(settings.direct_samples, 1),
             lines: ((lines(settings, patches) as f64 * factor) as u64).max(2),
             gather: if settings.gather == 0 { 0 } else { times(settings.gather, 2.min(settings.gather)) },
-            seed,
+            pass,
         }
     }
 
@@ -99,11 +122,13 @@ fn lines(settings: &Settings, patches: &Patches) -> u64 {
     settings.lines.unwrap_or((settings.lines_per_texel * patches.front as f64) as u64).max(2)
 }
 
-impl Solver {
-    /// Darkness.
-    pub(super) fn new(patches: &Patches) -> Self {
+impl<'a> Solver<'a> {
+    /// Darkness, before the first pass.
+    pub(super) fn new(patches: &Patches, emitters: &'a Emitters, seed: u64) -> Self {
         let black = || [0, 1].map(|_| vec![Rgb::ZERO; patches.len()]);
         Self {
+            emitters,
+            seed,
             direct: black(),
             walked: [black(), black()],
             gathered: Gathered::new(patches),
@@ -115,10 +140,12 @@ impl Solver {
 
     /// Solves once more. After an `Err`, what was found so far is worth nothing.
     pub(super) fn pass(&mut self, setup: &Setup<'_>, budget: &Budget, clock: &mut Clock<'_>) -> Result<(), Stop> {
-        let Setup { settings, tracer, patches, graph, emitters } = *setup;
+        let Setup { settings, tracer, patches, graph } = *setup;
+        let (emitters, seed) = (self.emitters, self.seed);
+        let pass_seed = if budget.pass == 0 { seed } else { mix(seed ^ mix(budget.pass)) };
         if settings.direct == DirectMode::Gather {
             clock.timed("direct", |progress| {
-                let samples = light::Settings { samples: budget.direct_samples, seed: budget.seed };
+                let samples = light::Settings { samples: budget.direct_samples, seed: pass_seed };
                 self.add_direct(light::direct(tracer, patches, emitters, &samples, progress), budget);
             })?;
         }
@@ -126,7 +153,7 @@ impl Solver {
         let source = |i: usize| direct[i] * patches.exposed_area(i);
         let found = clock.timed("walk", |progress| {
             [0, 1].map(|half| {
-                let seed = mix(budget.seed.wrapping_mul(2).wrapping_add(half));
+                let seed = mix(pass_seed.wrapping_mul(2).wrapping_add(half));
                 let unshot = parallel::map(patches.len(), |i| source(i) * patches.reflectance[i]);
                 let sources = shoot::Sources::new(tracer, emitters, seed);
                 let line = |k, n| sources.line(k, n);
@@ -141,7 +168,7 @@ impl Solver {
         if settings.gather > 0 {
             let radiance = self.radiance(setup, &direct, clock)?;
             let radiance = [radiance[0].as_slice(), radiance[1].as_slice()];
-            let field = gather::Field { tracer, patches, radiance, seed: settings.seed };
+            let field = gather::Field { tracer, patches, radiance, seed };
             clock.timed("gather", |progress| self.gather(settings, budget, &field, graph, progress))?;
         }
         Ok(())

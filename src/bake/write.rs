@@ -22,22 +22,34 @@ pub(super) struct Facts<'a> {
     pub(super) patches: &'a Patches,
 }
 
+/// What goes into files.
+pub(super) struct Results {
+    pub(super) lightmap: Lightmap,
+    /// By name of the group of lights.
+    pub(super) groups: Vec<(String, Lightmap)>,
+    /// Layers by page.
+    pub(super) aovs: Vec<Vec<exr::AovLayer>>,
+}
+
 type File = (PathBuf, Vec<u8>);
 
 impl Facts<'_> {
     pub(super) fn write(
         &self,
         solution: &Solution,
-        lightmap: Lightmap,
+        results: Results,
         mut warnings: Vec<Warning>,
         clock: &mut Clock<'_>,
     ) -> Result<Outcome, Error> {
         let request = self.request;
         let inputs: Vec<PathBuf> = self.scene.document.files_read.iter().chain(&request.also_read).cloned().collect();
-        let (mut files, more) = clock.timed("encode", |_| self.encode(&lightmap))??;
+        let (mut files, more) = clock.timed("encode", |_| self.encode(&results))??;
         warnings.extend(more);
         let outputs: Vec<PathBuf> = files.iter().map(|(path, _)| path.clone()).collect();
-        let report = self.report(solution, clock, &outputs, &inputs, warnings);
+        let report = report::Report {
+            light_groups: self.group_files(&results),
+            ..self.report(solution, clock, &outputs, &inputs, warnings)
+        };
         if let Some(path) = &request.report {
             files.push((path.clone(), report.to_json(path)?));
         }
@@ -47,25 +59,58 @@ impl Facts<'_> {
         let progress = std::sync::Arc::clone(&clock.progress);
         clock.timed("write", |_| atomic::commit(&files, &inputs, &|| progress.cancelled()))??;
         let files = files.into_iter().map(|(path, bytes)| (path, bytes.len() as u64)).collect();
-        Ok(Outcome { report, files, lightmap })
+        Ok(Outcome { report, files, lightmap: results.lightmap })
     }
 
-    /// Pages, previews, then the document that refers to them.
-    pub(super) fn encode(&self, lightmap: &Lightmap) -> Result<(Vec<File>, Vec<Warning>), Error> {
+    /// Pages, previews, what else lies beside them, then the document that refers to them.
+    pub(super) fn encode(&self, results: &Results) -> Result<(Vec<File>, Vec<Warning>), Error> {
         let settings = &self.request.settings;
         let document = names::document_path(&self.request.input, &self.request.output);
         let names = names::page_files(&document, self.atlas.pages);
         let attributes = attributes(settings);
         let mut files: Vec<File> = vec![];
-        for (page, name) in lightmap.pages.iter().zip(&names) {
+        for (page, name) in results.lightmap.pages.iter().zip(&names) {
             files.push((name.exr.clone(), exr::lightmap(&name.exr, page, &attributes)?));
             files.push((name.png.clone(), png::preview(&name.png, page)?));
+        }
+        for (paths, (name, map)) in self.group_paths(results).into_iter().zip(&results.groups) {
+            let mut attributes = attributes.clone();
+            attributes.insert("texelwalk.light_group".to_owned(), name.clone());
+            for (path, page) in paths.into_iter().zip(&map.pages) {
+                let bytes = exr::lightmap(&path, page, &attributes)?;
+                files.push((path, bytes));
+            }
+        }
+        for ((k, layers), page) in (0..).zip(&results.aovs).zip(&results.lightmap.pages) {
+            if !layers.is_empty() {
+                let path = names::aov_file(&document, k);
+                let bytes = exr::aovs(&path, [page.width, page.height], layers.clone(), &attributes)?;
+                files.push((path, bytes));
+            }
         }
         let how =
             gltf::Settings { quantity: quantity(settings.quantity), output: document, generator: GENERATOR.to_owned() };
         let written = gltf::write_gltf(self.scene, self.atlas, &names, &how)?;
         files.extend(written.output);
         Ok((files, written.warnings))
+    }
+
+    /// Files of each group.
+    fn group_paths(&self, results: &Results) -> Vec<Vec<PathBuf>> {
+        let document = names::document_path(&self.request.input, &self.request.output);
+        let words = names::words(results.groups.iter().map(|(name, _)| name.as_str()));
+        let file = |word: &str, k: usize| names::beside(&document, &format!("lightmap-{word}{k}.exr"));
+        let one =
+            |((_, map), word): (&(String, Lightmap), String)| (0..map.pages.len()).map(|k| file(&word, k)).collect();
+        results.groups.iter().zip(words).map(one).collect()
+    }
+
+    fn group_files(&self, results: &Results) -> Vec<report::LightGroup> {
+        let one = |(paths, (name, _)): (Vec<PathBuf>, &(String, Lightmap))| report::LightGroup {
+            name: name.clone(),
+            files: paths.iter().map(|p| p.display().to_string()).collect(),
+        };
+        self.group_paths(results).into_iter().zip(&results.groups).map(one).collect()
     }
 
     fn report(
@@ -110,6 +155,7 @@ impl Facts<'_> {
             },
             error: report::EstimatedError { estimated_nrmse: solution.estimated_nrmse(patches) },
             refinement: solution.refinement.clone(),
+            light_groups: vec![],
             rays,
             rays_per_second: rays as f64 / tracing_seconds.fold(0.0, |a, b| a + b).max(1e-9),
             stages: clock.stages.clone(),

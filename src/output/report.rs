@@ -32,6 +32,8 @@ pub struct Report {
     pub error: EstimatedError,
     /// The passes of the solver, and what ended them.
     pub refinement: Refinement,
+    /// The lightmaps of groups of lights, if they were asked for.
+    pub light_groups: Vec<LightGroup>,
     /// Rays of all stages.
     pub rays: u64,
     /// `rays` over the seconds of the stages that shot them.
@@ -129,6 +131,15 @@ pub struct Pass {
     pub seconds: f64,
 }
 
+/// A group of lights.
+#[derive(Debug, Clone, Default, serde::Serialize)]
+pub struct LightGroup {
+    /// As the document has it.
+    pub name: String,
+    /// Its lightmap, a file per page.
+    pub files: Vec<String>,
+}
+
 /// Time of one stage.
 #[derive(Debug, Clone, Default, serde::Serialize)]
 pub struct Stage {
@@ -171,6 +182,7 @@ mod tests {
     fn the_keys_are_the_contract() {
         let report = Report {
             refinement: Refinement { passes: vec![Pass::default()], ..Refinement::default() },
+            light_groups: vec![LightGroup { name: String::new(), files: vec![String::new()] }],
             stages: vec![Stage::default()],
             warnings: vec![Warning::new("some-code", "text").at("node 3")],
             ..Report::default()
@@ -180,7 +192,7 @@ mod tests {
         assert_eq!(
             keys(&value),
             "{atlas{charts,page_size[],pages,texels,utilization},error{estimated_nrmse},gather{rays,rays_per_texel},\
-             inputs,outputs,peak_memory_bytes,rays,rays_per_second,\
+             inputs,light_groups[{files[],name}],outputs,peak_memory_bytes,rays,rays_per_second,\
              refinement{ended_by,passes[{budget,estimated_nrmse,seconds}],target_error,time_limit},scene{instances,lights,materials,triangles},schema,\
              settings{},stages[{name,seconds}],version,walk{bounces,lines,power_absorbed[],power_escaped[],power_in[],\
              power_residual[]},warnings[{code,message,node}]}"
