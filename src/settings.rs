@@ -8,6 +8,7 @@ use crate::atlas::Uv;
 use crate::base::Rgb;
 use crate::scene::Sky;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 /// The named settings that ship with texelwalk.
@@ -82,6 +83,18 @@ pub enum UvMode {
     Generate,
 }
 
+/// What `--aov` can put beside the light.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Aov {
+    /// Standard error of each texel, root mean square over the channels.
+    Stderr,
+    /// Light straight from its sources.
+    Direct,
+    /// Light after at least one reflection.
+    Indirect,
+}
+
 /// Options of `bake` that a preset or a configuration file may hold.
 #[derive(Debug, Clone, Default, clap::Args, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
@@ -107,6 +120,19 @@ pub struct Options {
     /// What a texel holds
     #[arg(long, value_enum, value_name = "QUANTITY", help_heading = "Lightmap")]
     pub quantity: Option<Quantity>,
+    /// Further layers for every page, in NAME.aov0.exr, with commas
+    #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',', help_heading = "Lightmap")]
+    pub aov: Option<Vec<Aov>>,
+    /// A lightmap for each group of lights, NAME.lightmap-GROUP0.exr, besides their sum; as many times the work [default: false]
+    #[arg(
+        long,
+        value_name = "BOOL",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "true",
+        help_heading = "Lightmap"
+    )]
+    pub light_groups: Option<bool>,
 
     /// What a line of the walk does at its hit
     #[arg(long, value_enum, value_name = "MODE", help_heading = "Solver")]
@@ -135,6 +161,12 @@ pub struct Options {
     /// Most bounces of reflected light; without it, until what is left is negligible
     #[arg(long, value_name = "N", help_heading = "Solver")]
     pub bounces: Option<u32>,
+    /// Refine until the estimated relative error is X, for example 0.02; the budget above only sets the proportions
+    #[arg(long, value_name = "X", help_heading = "Solver")]
+    pub target_error: Option<f64>,
+    /// Refine until S seconds have passed since the start, or until --target-error; the result then depends on the machine
+    #[arg(long, value_name = "S", help_heading = "Solver")]
+    pub time_limit: Option<f64>,
     /// Chooses the random numbers
     #[arg(long, value_name = "N", help_heading = "Solver")]
     pub seed: Option<u64>,
@@ -188,6 +220,12 @@ pub struct Settings {
     pub uv: UvMode,
     /// What a texel holds.
     pub quantity: Quantity,
+    /// Further layers, each once.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub aov: Vec<Aov>,
+    /// A lightmap per group of lights.
+    #[serde(skip_serializing_if = "core::ops::Not::not")]
+    pub light_groups: bool,
     /// What a line does at its hit.
     pub splat: SplatMode,
     /// The paper's α [bit].
@@ -206,6 +244,12 @@ pub struct Settings {
     pub gather: u32,
     /// Most bounces.
     pub bounces: Option<u32>,
+    /// Estimated error at which to stop refining.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub target_error: Option<f64>,
+    /// Seconds of the whole bake.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub time_limit: Option<f64>,
     /// Chooses the random numbers.
     pub seed: u64,
     /// Scene of the document.
@@ -269,6 +313,8 @@ impl Options {
             padding,
             uv,
             quantity,
+            aov,
+            light_groups,
             splat,
             alpha,
             beta,
@@ -278,6 +324,8 @@ impl Options {
             lines_per_texel,
             gather,
             bounces,
+            target_error,
+            time_limit,
             seed,
             scene,
             sky,
@@ -307,6 +355,8 @@ impl Options {
             padding: within("--padding", self.padding.unwrap_or(2), 0, 64)?,
             uv: self.uv.unwrap_or(UvMode::Auto),
             quantity: self.quantity.unwrap_or(Quantity::Radiosity),
+            aov: self.aov.iter().flatten().copied().collect::<BTreeSet<_>>().into_iter().collect(),
+            light_groups: self.light_groups.unwrap_or(false),
             splat: self.splat.unwrap_or(SplatMode::Share),
             alpha: within("--alpha", self.alpha.unwrap_or(5.0), 0.0, 100.0)?,
             beta: within("--beta", self.beta.unwrap_or(15.0), 0.0, 100.0)?,
@@ -316,6 +366,8 @@ impl Options {
             lines_per_texel: within("--lines-per-texel", self.lines_per_texel.unwrap_or(32.0), 1e-3, 1e6)?,
             gather: within("--gather", self.gather.unwrap_or(64), 0, 1 << 20)?,
             bounces: self.bounces,
+            target_error: self.target_error.map(|x| positive("--target-error", x)).transpose()?,
+            time_limit: self.time_limit.map(|s| positive("--time-limit", s)).transpose()?,
             seed: self.seed.unwrap_or(0),
             scene: self.scene,
             sky: [zenith, horizon, self.sky_ground.unwrap_or(horizon)],
@@ -371,6 +423,16 @@ fn within<T: PartialOrd + core::fmt::Display>(option: &str, value: T, low: T, hi
     Err(Invalid(format!("{option} {value} is out of range; it must lie between {low} and {high}")))
 }
 
+/// Far above any error or number of seconds that means something, and small enough to be a time.
+const MOST: f64 = 1e9;
+
+fn positive(option: &str, value: f64) -> Result<f64, Invalid> {
+    if value > 0.0 && value <= MOST {
+        return Ok(value);
+    }
+    Err(Invalid(format!("{option} {value} is out of range; it must be above 0 and at most {MOST}")))
+}
+
 fn parse_color(text: &str) -> Result<[f32; 3], String> {
     let numbers: Result<Vec<f32>, _> = text.split(',').map(|v| v.trim().parse()).collect();
     match numbers.as_deref() {
@@ -411,6 +473,10 @@ mod tests {
         assert!(wrong("texel-size = 0.0").contains("--texels-per-meter"));
         assert!(wrong("texels-per-meter = nan").contains("--texels-per-meter"));
         assert!(wrong("sky = [-1, 0, 0]").contains("--sky"));
+        for bad in ["0.0", "-1.0", "nan", "inf"] {
+            assert!(wrong(&format!("target-error = {bad}")).contains("--target-error"));
+            assert!(wrong(&format!("time-limit = {bad}")).contains("--time-limit"));
+        }
     }
 
     #[test]

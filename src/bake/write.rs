@@ -1,72 +1,168 @@
 //! The last step of a bake: file contents, report, depfile, and all of them onto the disk together.
 
-use super::{Clock, Error, Outcome, Request, Solution};
+use super::clock::Clock;
+use super::{Error, Outcome, Request, Solution};
 use crate::atlas::Atlas;
-use crate::base::{Warning, parallel};
+use crate::base::Warning;
 use crate::finish::Lightmap;
 use crate::output::{atomic, depfile, exr, gltf, names, png, report};
 use crate::patches::Patches;
 use crate::scene::Scene;
-use crate::settings::{DirectMode, Quantity, Settings};
-use crate::walk::Walk;
+use crate::settings::{Quantity, Settings};
 use std::path::PathBuf;
 
 /// Name and version that outputs carry.
 const GENERATOR: &str = concat!("texelwalk ", env!("CARGO_PKG_VERSION"));
 
-/// What is known at the end.
+/// What files are made from, besides light.
 pub(super) struct Facts<'a> {
+    pub(super) request: &'a Request,
     pub(super) scene: &'a Scene,
     pub(super) atlas: &'a Atlas,
     pub(super) patches: &'a Patches,
-    pub(super) solution: &'a Solution,
-    pub(super) warnings: Vec<Warning>,
+}
+
+/// What goes into files.
+pub(super) struct Results {
+    pub(super) lightmap: Lightmap,
+    /// By name of the group of lights.
+    pub(super) groups: Vec<(String, Lightmap)>,
+    /// Layers by page.
+    pub(super) aovs: Vec<Vec<exr::AovLayer>>,
 }
 
 type File = (PathBuf, Vec<u8>);
 
-pub(super) fn write(
-    request: &Request,
-    facts: &Facts<'_>,
-    lightmap: Lightmap,
-    clock: &mut Clock<'_>,
-) -> Result<Outcome, Error> {
-    let inputs: Vec<PathBuf> = facts.scene.document.files_read.iter().chain(&request.also_read).cloned().collect();
-    let (mut files, warnings) = clock.timed("encode", |_| encode(request, facts, &lightmap))??;
-    let outputs: Vec<PathBuf> = files.iter().map(|(path, _)| path.clone()).collect();
-    let report = report(request, facts, clock, &outputs, &inputs, warnings);
-    if let Some(path) = &request.report {
-        files.push((path.clone(), report.to_json(path)?));
+impl Facts<'_> {
+    pub(super) fn write(
+        &self,
+        solution: &Solution,
+        results: Results,
+        mut warnings: Vec<Warning>,
+        clock: &mut Clock<'_>,
+    ) -> Result<Outcome, Error> {
+        let request = self.request;
+        let inputs: Vec<PathBuf> = self.scene.document.files_read.iter().chain(&request.also_read).cloned().collect();
+        let (mut files, more) = clock.timed("encode", |_| self.encode(&results))??;
+        warnings.extend(more);
+        let outputs: Vec<PathBuf> = files.iter().map(|(path, _)| path.clone()).collect();
+        let report = report::Report {
+            light_groups: self.group_files(&results),
+            ..self.report(solution, clock, &outputs, &inputs, warnings)
+        };
+        if let Some(path) = &request.report {
+            files.push((path.clone(), report.to_json(path)?));
+        }
+        if let Some(path) = &request.depfile {
+            files.push((path.clone(), depfile::depfile(&outputs, &inputs)?.into_bytes()));
+        }
+        let progress = std::sync::Arc::clone(&clock.progress);
+        clock.timed("write", |_| atomic::commit(&files, &inputs, &|| progress.cancelled()))??;
+        let files = files.into_iter().map(|(path, bytes)| (path, bytes.len() as u64)).collect();
+        Ok(Outcome { report, files, lightmap: results.lightmap })
     }
-    if let Some(path) = &request.depfile {
-        files.push((path.clone(), depfile::depfile(&outputs, &inputs)?.into_bytes()));
-    }
-    let progress = std::sync::Arc::clone(&clock.progress);
-    clock.timed("write", |_| atomic::commit(&files, &inputs, &|| progress.cancelled()))??;
-    let files = files.into_iter().map(|(path, bytes)| (path, bytes.len() as u64)).collect();
-    Ok(Outcome { report, files, lightmap })
-}
 
-/// Pages, previews, then the document that refers to them.
-fn encode(request: &Request, facts: &Facts<'_>, lightmap: &Lightmap) -> Result<(Vec<File>, Vec<Warning>), Error> {
-    let document = names::document_path(&request.input, &request.output);
-    let names = names::page_files(&document, facts.atlas.pages);
-    let attributes = attributes(&request.settings);
-    let mut files: Vec<File> = vec![];
-    for (page, name) in lightmap.pages.iter().zip(&names) {
-        files.push((name.exr.clone(), exr::lightmap(&name.exr, page, &attributes)?));
-        files.push((name.png.clone(), png::preview(&name.png, page)?));
+    /// Pages, previews, what else lies beside them, then the document that refers to them.
+    pub(super) fn encode(&self, results: &Results) -> Result<(Vec<File>, Vec<Warning>), Error> {
+        let settings = &self.request.settings;
+        let document = names::document_path(&self.request.input, &self.request.output);
+        let names = names::page_files(&document, self.atlas.pages);
+        let attributes = attributes(settings);
+        let mut files: Vec<File> = vec![];
+        for (page, name) in results.lightmap.pages.iter().zip(&names) {
+            files.push((name.exr.clone(), exr::lightmap(&name.exr, page, &attributes)?));
+            files.push((name.png.clone(), png::preview(&name.png, page)?));
+        }
+        for (paths, (name, map)) in self.group_paths(results).into_iter().zip(&results.groups) {
+            let mut attributes = attributes.clone();
+            attributes.insert("texelwalk.light_group".to_owned(), name.clone());
+            for (path, page) in paths.into_iter().zip(&map.pages) {
+                let bytes = exr::lightmap(&path, page, &attributes)?;
+                files.push((path, bytes));
+            }
+        }
+        for ((k, layers), page) in (0..).zip(&results.aovs).zip(&results.lightmap.pages) {
+            if !layers.is_empty() {
+                let path = names::aov_file(&document, k);
+                let bytes = exr::aovs(&path, [page.width, page.height], layers.clone(), &attributes)?;
+                files.push((path, bytes));
+            }
+        }
+        let how =
+            gltf::Settings { quantity: quantity(settings.quantity), output: document, generator: GENERATOR.to_owned() };
+        let written = gltf::write_gltf(self.scene, self.atlas, &names, &how)?;
+        files.extend(written.output);
+        Ok((files, written.warnings))
     }
-    let how = gltf::Settings {
-        quantity: quantity(request.settings.quantity),
-        output: document,
-        generator: GENERATOR.to_owned(),
-    };
-    let written = gltf::write_gltf(facts.scene, facts.atlas, &names, &how)?;
-    files.extend(written.output);
-    let mut warnings = facts.warnings.clone();
-    warnings.extend(written.warnings);
-    Ok((files, warnings))
+
+    /// Files of each group.
+    fn group_paths(&self, results: &Results) -> Vec<Vec<PathBuf>> {
+        let document = names::document_path(&self.request.input, &self.request.output);
+        let words = names::words(results.groups.iter().map(|(name, _)| name.as_str()));
+        let file = |word: &str, k: usize| names::beside(&document, &format!("lightmap-{word}{k}.exr"));
+        let one =
+            |((_, map), word): (&(String, Lightmap), String)| (0..map.pages.len()).map(|k| file(&word, k)).collect();
+        results.groups.iter().zip(words).map(one).collect()
+    }
+
+    fn group_files(&self, results: &Results) -> Vec<report::LightGroup> {
+        let one = |(paths, (name, _)): (Vec<PathBuf>, &(String, Lightmap))| report::LightGroup {
+            name: name.clone(),
+            files: paths.iter().map(|p| p.display().to_string()).collect(),
+        };
+        self.group_paths(results).into_iter().zip(&results.groups).map(one).collect()
+    }
+
+    fn report(
+        &self,
+        solution: &Solution,
+        clock: &Clock<'_>,
+        outputs: &[PathBuf],
+        inputs: &[PathBuf],
+        warnings: Vec<Warning>,
+    ) -> report::Report {
+        let Facts { request, scene, atlas, patches } = self;
+        let text = |paths: &[PathBuf]| paths.iter().map(|p| p.display().to_string()).collect();
+        let rays = solution.power.lines + solution.gather_rays + solution.shadow_rays;
+        let tracing = |s: &&report::Stage| ["direct", "walk", "gather"].contains(&s.name.as_str());
+        let tracing_seconds = clock.stages.iter().filter(tracing).map(|s| s.seconds);
+        report::Report {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            schema: report::SCHEMA,
+            inputs: text(inputs),
+            outputs: text(outputs),
+            settings: match serde_json::to_value(&request.settings) {
+                Ok(serde_json::Value::Object(map)) => map,
+                _ => serde_json::Map::new(),
+            },
+            scene: report::SceneCounts {
+                triangles: scene.triangles.len() as u64,
+                instances: scene.parts.len() as u64,
+                materials: scene.materials.len() as u64,
+                lights: scene.lights.len() as u64,
+            },
+            atlas: report::AtlasCounts {
+                pages: atlas.pages,
+                page_size: atlas.page_size,
+                charts: atlas.charts.len() as u64,
+                texels: patches.front as u64,
+                utilization: atlas.utilization(),
+            },
+            walk: solution.power,
+            gather: report::Gather {
+                rays: solution.gather_rays,
+                rays_per_texel: solution.gather_rays as f64 / (patches.front as f64).max(1.0),
+            },
+            error: report::EstimatedError { estimated_nrmse: solution.estimated_nrmse(patches) },
+            refinement: solution.refinement.clone(),
+            light_groups: vec![],
+            rays,
+            rays_per_second: rays as f64 / tracing_seconds.fold(0.0, |a, b| a + b).max(1e-9),
+            stages: clock.stages.clone(),
+            peak_memory_bytes: peak_memory_bytes(),
+            warnings,
+        }
+    }
 }
 
 fn quantity(quantity: Quantity) -> gltf::Quantity {
@@ -91,86 +187,6 @@ fn attributes(settings: &Settings) -> exr::Attributes {
     .into_iter()
     .map(|(k, v)| (k.to_owned(), v.to_owned()))
     .collect()
-}
-
-fn report(
-    request: &Request,
-    facts: &Facts<'_>,
-    clock: &Clock<'_>,
-    outputs: &[PathBuf],
-    inputs: &[PathBuf],
-    warnings: Vec<Warning>,
-) -> report::Report {
-    let Facts { scene, atlas, patches, solution, .. } = facts;
-    let text = |paths: &[PathBuf]| paths.iter().map(|p| p.display().to_string()).collect();
-    let lines: u64 = solution.walks.iter().flat_map(|w| &w.ledger).map(|b| b.lines).sum();
-    let rays = lines + solution.gather_rays + solution.shadow_rays;
-    let tracing = |s: &&report::Stage| ["direct", "walk", "gather"].contains(&s.name.as_str());
-    let tracing_seconds = clock.stages.iter().filter(tracing).map(|s| s.seconds);
-    report::Report {
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-        schema: report::SCHEMA,
-        inputs: text(inputs),
-        outputs: text(outputs),
-        settings: match serde_json::to_value(&request.settings) {
-            Ok(serde_json::Value::Object(map)) => map,
-            _ => serde_json::Map::new(),
-        },
-        scene: report::SceneCounts {
-            triangles: scene.triangles.len() as u64,
-            instances: scene.parts.len() as u64,
-            materials: scene.materials.len() as u64,
-            lights: scene.lights.len() as u64,
-        },
-        atlas: report::AtlasCounts {
-            pages: atlas.pages,
-            page_size: atlas.page_size,
-            charts: atlas.charts.len() as u64,
-            texels: patches.front as u64,
-            utilization: atlas.utilization(),
-        },
-        walk: walk(request, solution, lines),
-        gather: report::Gather {
-            rays: solution.gather_rays,
-            rays_per_texel: solution.gather_rays as f64 / (patches.front as f64).max(1.0),
-        },
-        error: report::EstimatedError { estimated_nrmse: estimated_nrmse(patches, solution) },
-        rays,
-        rays_per_second: rays as f64 / tracing_seconds.fold(0.0, |a, b| a + b).max(1e-9),
-        stages: clock.stages.clone(),
-        peak_memory_bytes: peak_memory_bytes(),
-        warnings,
-    }
-}
-
-/// Both halves' ledgers, as the mean of two estimates of the same powers.
-fn walk(request: &Request, solution: &Solution, lines: u64) -> report::Walk {
-    let mean = |f: &dyn Fn(&Walk, usize) -> f64| {
-        [0, 1, 2].map(|c| 0.5 * (f(&solution.walks[0], c) + f(&solution.walks[1], c)))
-    };
-    let shoots = request.settings.direct == DirectMode::Shoot;
-    // Escaped lines of the emitters never were on a surface, so they are no part of the balance.
-    let after = usize::from(shoots);
-    let escaped = mean(&|w, c| w.ledger.iter().skip(after).map(|b| b.escaped[c] + b.culled[c]).fold(0.0, |a, b| a + b));
-    let residual = mean(&|w, c| w.ledger.last().map_or(0.0, |b| b.unshot[c]));
-    let received = mean(&|w, c| w.ledger.iter().skip(after).map(|b| b.received[c]).fold(0.0, |a, b| a + b));
-    let reflected = mean(&|w, c| w.ledger.iter().skip(after).map(|b| b.unshot[c]).fold(0.0, |a, b| a + b));
-    report::Walk {
-        lines,
-        bounces: solution.walks.iter().map(|w| w.ledger.len().saturating_sub(1 + after) as u32).max().unwrap_or(0),
-        power_in: solution.power_in,
-        power_absorbed: [0, 1, 2].map(|c| solution.power_in[c] + received[c] - reflected[c]),
-        power_escaped: escaped,
-        power_residual: residual,
-    }
-}
-
-/// Root mean square of the error over the mean, all channels and covered texels alike: noise of direct light, walk and
-/// gather, and bias of sharing.
-fn estimated_nrmse(patches: &Patches, solution: &Solution) -> Option<f64> {
-    let total = parallel::sum(patches.front, |i| f64::from(solution.irradiance(i).element_sum()));
-    let n = 3.0 * patches.front as f64;
-    (total > 0.0).then(|| (solution.squared_error / n).sqrt() / (total / n))
 }
 
 /// Largest resident set so far [bytes]; 0 where the system does not tell.

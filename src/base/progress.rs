@@ -9,6 +9,7 @@ pub struct Progress {
     done: AtomicU64,
     total: AtomicU64,
     cancelled: Arc<AtomicBool>,
+    expired: AtomicBool,
 }
 
 impl Progress {
@@ -34,13 +35,24 @@ impl Progress {
         self.cancelled.store(true, Relaxed);
     }
 
-    /// Somebody asked to stop.
+    /// Asks the workers to stop because their time is up, or takes that back.
+    pub fn expire(&self, expired: bool) {
+        self.expired.store(expired, Relaxed);
+    }
+
+    /// The workers should stop, for whatever reason.
     #[must_use]
     pub fn cancelled(&self) -> bool {
+        self.interrupted() || self.expired.load(Relaxed)
+    }
+
+    /// Somebody asked to stop.
+    #[must_use]
+    pub fn interrupted(&self) -> bool {
         self.cancelled.load(Relaxed)
     }
 
-    /// The flag behind [`Progress::cancelled`], for code that takes a flag.
+    /// The flag behind [`Progress::interrupted`], for code that takes a flag.
     #[must_use]
     pub fn cancel_flag(&self) -> Arc<AtomicBool> {
         Arc::clone(&self.cancelled)

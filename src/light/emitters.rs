@@ -34,6 +34,19 @@ pub struct Emitters {
     /// Suns that are sampled.
     pub(super) suns: Vec<Light>,
     pub(super) infinity: Infinity,
+    /// All lights, as the scene has them.
+    pub(super) lights: Vec<Light>,
+}
+
+/// Something that may shine, by what a document calls it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// Index into `Scene::lights`.
+    Light(usize),
+    /// Surfaces of a material, by index into `Scene::materials`.
+    Material(usize),
+    /// Sky and environment.
+    Infinity,
 }
 
 /// A leaf of the tree.
@@ -47,10 +60,18 @@ impl Emitters {
     /// Collects what shines.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
+        Self::of(scene, |_| true)
+    }
+
+    /// Collects what shines and is kept.
+    #[must_use]
+    pub fn of(scene: &Scene, keep: impl Fn(Source) -> bool) -> Self {
         let glows = |t: &u32| {
             let m = scene.material(*t);
-            !m.unlit && m.emission.max_element() > 0.0
+            !m.unlit && m.emission.max_element() > 0.0 && keep(Source::Material(scene.part(*t).material))
         };
+        let kept = |(i, light): (usize, &Light)| keep(Source::Light(i)).then(|| light.clone());
+        let lights: Vec<Light> = scene.lights.iter().enumerate().filter_map(kept).collect();
         let emissive: Vec<u32> = (0..scene.triangles.len() as u32).filter(glows).collect();
         let cut = |range: core::ops::Range<usize>| {
             let mut pieces = vec![];
@@ -63,7 +84,7 @@ impl Emitters {
 
         let lit = |l: &&Light| punctual::power(l).max_element() > 0.0;
         let is_sun = |l: &&Light| matches!(l, Light::Sun { .. });
-        let (suns, finite): (Vec<&Light>, Vec<&Light>) = scene.lights.iter().filter(lit).partition(is_sun);
+        let (suns, finite): (Vec<&Light>, Vec<&Light>) = lights.iter().filter(lit).partition(is_sun);
         let (soft_suns, hard_suns): (Vec<&Light>, Vec<&Light>) = suns.into_iter().partition(|l| punctual::is_soft(l));
         let few = finite.iter().filter(|l| !punctual::is_soft(l)).count() <= FEW;
         let (hard, bulbs): (Vec<&Light>, Vec<&Light>) = finite.into_iter().partition(|l| few && !punctual::is_soft(l));
@@ -76,10 +97,11 @@ impl Emitters {
             triangles: triangles.len(),
             tree: Tree::new(&bounds),
             suns: soft_suns.into_iter().cloned().chain(beyond).collect(),
-            infinity: Infinity::new(scene),
+            infinity: if keep(Source::Infinity) { Infinity::new(scene) } else { Infinity::none() },
             pieces,
             bulbs,
             hard,
+            lights,
         }
     }
 

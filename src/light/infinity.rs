@@ -45,12 +45,20 @@ impl Infinity {
         Self { grid, share, black: black || (total <= 0.0 && scene.sky.is_black()) }
     }
 
+    /// Nothing comes from infinity, whatever the scene says.
+    pub(super) fn none() -> Self {
+        Self { black: true, ..Self::default() }
+    }
+
     pub(super) fn is_black(&self) -> bool {
         self.black
     }
 
     /// Flux per area across a sphere's disc, for shooting: the integral of radiance over all directions [lx].
-    pub(super) fn total(scene: &Scene) -> Rgb {
+    pub(super) fn total(&self, scene: &Scene) -> Rgb {
+        if self.black {
+            return Rgb::ZERO;
+        }
         let sky = &scene.sky;
         let gradient = (sky.zenith + sky.horizon) * PI + sky.ground * (2.0 * PI);
         gradient + scene.environment.as_ref().map_or(Rgb::ZERO, Environment::total)

@@ -20,7 +20,7 @@ mod site;
 mod tree;
 
 pub use direct::{Direct, direct};
-pub use emitters::Emitters;
+pub use emitters::{Emitters, Source};
 
 /// How to gather direct light.
 #[derive(Debug, Clone, Copy)]

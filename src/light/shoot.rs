@@ -5,7 +5,6 @@
 //!
 //! Suns and sky shine on a disc that covers the scene's bounding sphere; what passes the scene by escapes.
 
-use super::infinity::Infinity;
 use super::{Emitters, punctual};
 use crate::base::random::Stage;
 use crate::base::{Frame, Rgb, Stream, warp};
@@ -40,9 +39,10 @@ impl<'a> Sources<'a> {
             Light::Point { intensity, .. } => intensity * (4.0 * PI),
             Light::Spot { intensity, cos_outer, .. } => intensity * (2.0 * PI * (1.0 - cos_outer)),
         };
-        let sky = Infinity::total(scene);
-        let parts =
-            core::iter::once(emitters.flux()).chain(scene.lights.iter().map(light)).chain(core::iter::once(sky * disc));
+        let sky = emitters.infinity.total(scene);
+        let parts = core::iter::once(emitters.flux())
+            .chain(emitters.lights.iter().map(light))
+            .chain(core::iter::once(sky * disc));
         let (mut flux, mut running, mut sum) = (Rgb::ZERO, vec![], 0.0);
         for part in parts {
             flux += part;
@@ -72,7 +72,7 @@ impl<'a> Sources<'a> {
         // 1/(n · probability of this source), for flux per source.
         let share = (total / (own.max(f64::MIN_POSITIVE) * n as f64)) as f32;
         let mut square = || Vec2::new(stream.next_f32(), stream.next_f32());
-        let lights = &self.tracer.scene().lights;
+        let lights = &self.emitters.lights;
         let (ray, flux) = match source {
             0 => self.surface(pick, square(), square()),
             s if s <= lights.len() => self.light(&lights[s - 1], square(), square()),

@@ -9,6 +9,9 @@ use std::path::Component;
 use std::path::Path;
 use std::path::PathBuf;
 
+/// Letters of a group's name that go into a file's.
+const MOST_LETTERS: usize = 64;
+
 /// Where the files of one lightmap page go.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct PageFiles {
@@ -45,6 +48,28 @@ pub fn page_files(document: &Path, pages: u32) -> Vec<PageFiles> {
             png: beside(document, &format!("lightmap{k}.png")),
         })
         .collect()
+}
+
+/// The file of the further layers of page `k` beside `document`.
+#[must_use]
+pub fn aov_file(document: &Path, k: u32) -> PathBuf {
+    beside(document, &format!("aov{k}.exr"))
+}
+
+/// Names as parts of file names: letters, digits and `-` stay, anything else becomes `_`. A page number follows, so what
+/// ends in a digit gets a `-`. No two are equal, not even where letter case does not count: later ones get a number.
+pub fn words<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
+    let plain = |c: char| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' };
+    let mut words: Vec<String> = vec![];
+    for name in names {
+        let stem: String = name.chars().map(plain).take(MOST_LETTERS).collect();
+        let end = |word: String| if word.ends_with(|c: char| c.is_ascii_digit()) { word + "-" } else { word };
+        let numbered = (2..).map(|n| end(format!("{stem}-{n}")));
+        let mut choices = core::iter::once(end(stem.clone())).chain(numbered);
+        let free = |word: &String| !words.iter().any(|w| w.eq_ignore_ascii_case(word));
+        words.extend(choices.find(free));
+    }
+    words
 }
 
 /// URI by which a file in `folder` refers to the file `target`; both may still be missing.
@@ -170,6 +195,12 @@ mod tests {
         );
         assert_eq!(document_path(Path::new("in/a.gltf"), Path::new("b.glb")), Path::new("b.glb"));
         assert_eq!(page_files(Path::new("a.glb"), 2)[1].png, Path::new("a.lightmap1.png"));
+    }
+
+    #[test]
+    fn words_are_plain_and_different() {
+        let names = ["key light", "key/light", "Key_Light", "lamp2", "../ü"];
+        assert_eq!(words(names.into_iter()), ["key_light", "key_light-2-", "Key_Light-3-", "lamp2-", "____"]);
     }
 
     #[test]

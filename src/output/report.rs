@@ -30,6 +30,10 @@ pub struct Report {
     pub gather: Gather,
     /// How far from the truth it may be.
     pub error: EstimatedError,
+    /// The passes of the solver, and what ended them.
+    pub refinement: Refinement,
+    /// The lightmaps of groups of lights, if they were asked for.
+    pub light_groups: Vec<LightGroup>,
     /// Rays of all stages.
     pub rays: u64,
     /// `rays` over the seconds of the stages that shot them.
@@ -103,6 +107,39 @@ pub struct EstimatedError {
     pub estimated_nrmse: Option<f64>,
 }
 
+/// How the solution came about.
+#[derive(Debug, Clone, Default, serde::Serialize)]
+pub struct Refinement {
+    /// Error that was asked for.
+    pub target_error: Option<f64>,
+    /// Seconds that were asked for.
+    pub time_limit: Option<f64>,
+    /// `target-error`, `time-limit`, or `budget` where neither of them ended it.
+    pub ended_by: String,
+    /// In order; their results are averaged, weighted by budget.
+    pub passes: Vec<Pass>,
+}
+
+/// One pass of the solver.
+#[derive(Debug, Clone, Copy, Default, serde::Serialize)]
+pub struct Pass {
+    /// Rays and lines, as a multiple of what the settings say.
+    pub budget: f64,
+    /// Estimated error of this and all earlier passes together.
+    pub estimated_nrmse: f64,
+    /// Wall time [s].
+    pub seconds: f64,
+}
+
+/// A group of lights.
+#[derive(Debug, Clone, Default, serde::Serialize)]
+pub struct LightGroup {
+    /// As the document has it.
+    pub name: String,
+    /// Its lightmap, a file per page.
+    pub files: Vec<String>,
+}
+
 /// Time of one stage.
 #[derive(Debug, Clone, Default, serde::Serialize)]
 pub struct Stage {
@@ -144,6 +181,8 @@ mod tests {
     #[test]
     fn the_keys_are_the_contract() {
         let report = Report {
+            refinement: Refinement { passes: vec![Pass::default()], ..Refinement::default() },
+            light_groups: vec![LightGroup { name: String::new(), files: vec![String::new()] }],
             stages: vec![Stage::default()],
             warnings: vec![Warning::new("some-code", "text").at("node 3")],
             ..Report::default()
@@ -153,7 +192,8 @@ mod tests {
         assert_eq!(
             keys(&value),
             "{atlas{charts,page_size[],pages,texels,utilization},error{estimated_nrmse},gather{rays,rays_per_texel},\
-             inputs,outputs,peak_memory_bytes,rays,rays_per_second,scene{instances,lights,materials,triangles},schema,\
+             inputs,light_groups[{files[],name}],outputs,peak_memory_bytes,rays,rays_per_second,\
+             refinement{ended_by,passes[{budget,estimated_nrmse,seconds}],target_error,time_limit},scene{instances,lights,materials,triangles},schema,\
              settings{},stages[{name,seconds}],version,walk{bounces,lines,power_absorbed[],power_escaped[],power_in[],\
              power_residual[]},warnings[{code,message,node}]}"
         );

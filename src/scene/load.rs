@@ -8,6 +8,8 @@ use super::cameras;
 use super::error;
 use super::extensions;
 use super::geometry;
+use super::group;
+use super::group::Groups;
 use super::images;
 use super::material;
 use super::nodes;
@@ -64,7 +66,9 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         material.emission_texture = None;
     }
     let textures = images::decode(&mut document, &materials, &mut warnings)?;
-    let lights = punctual::read(&document.root, &walk, [settings.sun_angle, settings.light_radius], &mut warnings)?;
+    let materials_groups = group::of_materials(&document.root, &mut warnings);
+    let (lights, lights_groups) =
+        punctual::read(&document.root, &walk, [settings.sun_angle, settings.light_radius], &mut warnings)?;
     let cameras = cameras::read(&document.root, &walk, &mut warnings);
     let scene = Scene {
         document,
@@ -75,6 +79,7 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         materials,
         textures,
         lights,
+        groups: Groups { lights: lights_groups, materials: materials_groups },
         sky: settings.sky,
         environment: None,
         cameras,

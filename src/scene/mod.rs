@@ -10,7 +10,7 @@
 //! loop, or memory use beyond a small multiple of what the files really contain (the exceptions are named and capped:
 //! `accessor.rs`, `geometry.rs`, `images.rs`).
 //!
-//! Codes of warnings: `animated-node`, `bad-alpha-mode`, `bad-camera`, `bad-color`, `bad-light`, `bad-normals`,
+//! Codes of warnings: `animated-node`, `bad-alpha-mode`, `bad-camera`, `bad-color`, `bad-light`, `bad-light-group`, `bad-normals`,
 //! `bad-sampler`, `bad-texcoord`, `byte-order-mark`, `deforming-mesh`, `factor-out-of-range`, `incomplete-triangle`,
 //! `missing-texcoord`, `no-positions`, `no-triangles`, `not-triangles`, `trailing-bytes`, `unsupported-extension`.
 
@@ -22,6 +22,7 @@ mod environment;
 mod error;
 mod extensions;
 mod geometry;
+mod group;
 mod images;
 mod light;
 mod load;
@@ -39,6 +40,7 @@ pub use accessor::AccessorData;
 pub use document::Document;
 pub use environment::Environment;
 pub use error::{Class, Error};
+pub use group::Groups;
 pub use light::{Light, Sky};
 pub use load::{Settings, load, load_bytes};
 pub use material::{Alpha, Material, TextureRef};
@@ -66,6 +68,8 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// Punctual lights in world space.
     pub lights: Vec<Light>,
+    /// Which group each light and material belongs to.
+    pub groups: Groups,
     /// Light from infinity in every direction.
     pub sky: Sky,
     /// Further light from infinity, by picture; no document holds one, so the loader leaves it empty.

@@ -6,6 +6,7 @@
 
 use super::Error;
 use super::Light;
+use super::group;
 use super::nodes::Walk;
 use super::schema::LightEntry;
 use super::schema::Root;
@@ -14,15 +15,15 @@ use crate::base::Warning;
 use core::f32::consts::FRAC_PI_2;
 use glam::DMat4;
 
-/// All lights of the visible nodes, in document order. `sizes` overrides angle [rad] of every sun and radius [m] of every
+/// All lights of the visible nodes, in document order, and the names of their groups. `sizes` overrides angle [rad] of every sun and radius [m] of every
 /// other light.
 pub(super) fn read(
     root: &Root,
     walk: &Walk,
     sizes: [Option<f32>; 2],
     warnings: &mut Vec<Warning>,
-) -> Result<Vec<Light>, Error> {
-    let mut lights = Vec::new();
+) -> Result<(Vec<Light>, Vec<Option<String>>), Error> {
+    let (mut lights, mut groups) = (Vec::new(), Vec::new());
     for placed in walk.placed.iter().filter(|p| p.visible) {
         let Some(reference) = &root.nodes[placed.node].extensions.light else { continue };
         let name = root.node_name(placed.node);
@@ -34,13 +35,16 @@ pub(super) fn read(
             |what: String| warnings.push(Warning::new("bad-light", format!("light of node {name}: {what}")).at(&name));
         if let Some(light) = convert(entry, walk.worlds[placed.node], sizes, &mut odd) {
             lights.push(light);
+            let own = entry.extras.get("texelwalk").and_then(|t| t.get("light_group"));
+            let value = root.nodes[placed.node].light_group.as_ref().or(own);
+            groups.push(group::name(value, &format!("light of node {name}"), warnings));
         }
         if placed.animated {
             let what = format!("node {name} is animated: its light was baked where it stands at rest");
             warnings.push(Warning::new("animated-node", what).at(&name));
         }
     }
-    Ok(lights)
+    Ok((lights, groups))
 }
 
 /// `None` = the light cannot be used, and `odd` heard why.

@@ -15,6 +15,8 @@
 use serde::Deserialize;
 use serde::Deserializer;
 use serde::de::IgnoredAny;
+use serde_json::Value;
+use serde_json::value::RawValue;
 use std::collections::BTreeMap;
 
 /// Attribute semantic → accessor index.
@@ -75,7 +77,7 @@ pub struct LightEntry {
     pub intensity: f32,
     pub range: Option<f32>,
     pub spot: Spot,
-    pub extras: serde_json::Value,
+    pub extras: Value,
 }
 
 impl Default for LightEntry {
@@ -87,7 +89,7 @@ impl Default for LightEntry {
             intensity: 1.0,
             range: None,
             spot: Spot::default(),
-            extras: serde_json::Value::Null,
+            extras: Value::Null,
         }
     }
 }
@@ -131,6 +133,24 @@ pub struct Node {
     pub scale: Option<[f64; 3]>,
     pub weights: Option<Vec<f32>>,
     pub extensions: NodeExtensions,
+    #[serde(rename = "extras", deserialize_with = "light_group")]
+    pub light_group: Option<Value>,
+}
+
+/// `extras.texelwalk.light_group`. Extras may hold anything, and what else they hold does not matter.
+fn light_group<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Value>, D::Error> {
+    #[derive(Default, Deserialize)]
+    #[serde(default)]
+    struct Extras {
+        texelwalk: Own,
+    }
+    #[derive(Default, Deserialize)]
+    #[serde(default)]
+    struct Own {
+        light_group: Option<Value>,
+    }
+    let extras = Box::<RawValue>::deserialize(deserializer)?;
+    Ok(serde_json::from_str(extras.get()).ok().and_then(|e: Extras| e.texelwalk.light_group))
 }
 
 #[derive(Debug, Default, Clone, Deserialize)]
@@ -274,6 +294,8 @@ pub struct MaterialEntry {
     pub alpha_cutoff: f32,
     pub double_sided: bool,
     pub extensions: MaterialExtensions,
+    #[serde(rename = "extras", deserialize_with = "light_group")]
+    pub light_group: Option<Value>,
 }
 
 impl Default for MaterialEntry {
@@ -287,6 +309,7 @@ impl Default for MaterialEntry {
             alpha_cutoff: 0.5,
             double_sided: false,
             extensions: MaterialExtensions::default(),
+            light_group: None,
         }
     }
 }

@@ -1,0 +1,76 @@
+//! Light groups: the emitters of a scene, sorted by the name that the document gives them.
+//!
+//! In: the scene. Out: one set of emitters per group, in the order of their names; without groups, all in one. Lights and
+//! materials without a name are in `default`, sky and environment in `sky`.
+
+use crate::light::{Emitters, Source};
+use crate::scene::Scene;
+use std::collections::BTreeSet;
+
+const UNNAMED: &str = "default";
+const SKY: &str = "sky";
+
+/// Emitters that are solved together.
+pub(super) struct Group {
+    pub(super) name: String,
+    pub(super) emitters: Emitters,
+}
+
+/// The groups of a scene that shine; everything in one group if they are not wanted.
+pub(super) fn groups(scene: &Scene, wanted: bool) -> Vec<Group> {
+    if !wanted {
+        return vec![Group { name: String::new(), emitters: Emitters::new(scene) }];
+    }
+    let group = |name: &str| {
+        let emitters = Emitters::of(scene, |source| name_of(scene, source) == name);
+        Group { name: name.to_owned(), emitters }
+    };
+    names(scene).into_iter().map(group).collect()
+}
+
+fn name_of(scene: &Scene, source: Source) -> &str {
+    let named = match source {
+        Source::Light(i) => scene.groups.lights.get(i),
+        Source::Material(i) => scene.groups.materials.get(i),
+        Source::Infinity => return SKY,
+    };
+    named.and_then(|n| n.as_deref()).unwrap_or(UNNAMED)
+}
+
+/// Groups that something shines in; never empty.
+fn names(scene: &Scene) -> BTreeSet<&str> {
+    let lights = (0..scene.lights.len()).map(Source::Light);
+    let glows = |m: &usize| !scene.materials[*m].unlit && scene.materials[*m].emission.max_element() > 0.0;
+    let materials = scene.parts.iter().map(|p| p.material).filter(glows).map(Source::Material);
+    let infinite = !scene.sky.is_black() || scene.environment.is_some();
+    let sources = lights.chain(materials).chain(infinite.then_some(Source::Infinity));
+    let mut names: BTreeSet<&str> = sources.map(|source| name_of(scene, source)).collect();
+    if names.is_empty() {
+        names.insert(UNNAMED);
+    }
+    names
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::Rgb;
+    use crate::scene::{Groups, Light, Sky};
+    use glam::Vec3;
+
+    #[test]
+    fn groups_go_by_name_and_the_rest_has_one() {
+        let bulb =
+            |x: f32| Light::Point { position: Vec3::splat(x), intensity: Rgb::ONE, range: f32::INFINITY, radius: 0.0 };
+        let scene = Scene {
+            lights: vec![bulb(0.0), bulb(1.0), bulb(2.0)],
+            groups: Groups { lights: vec![Some("key".into()), None, Some("key".into())], materials: vec![] },
+            sky: Sky::constant(Rgb::ONE),
+            ..Scene::default()
+        };
+        let found = groups(&scene, true);
+        assert_eq!(found.iter().map(|g| g.name.as_str()).collect::<Vec<_>>(), ["default", "key", "sky"]);
+        assert_eq!(groups(&scene, false).len(), 1);
+        assert_eq!(groups(&Scene::default(), true)[0].name, "default");
+    }
+}
