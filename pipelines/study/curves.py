@@ -12,6 +12,8 @@ In: fixtures. Out, in OUT_DIR: curves.md, curves.csv, curves.png; tables on stdo
   Mitsuba's sampling; texelwalk without reading, charts and writing.
 * The judges are Cycles and Mitsuba, long, two halves each: texelwalk never judges itself. See figures.py for how their
   noise is kept out, and for how far they disagree. Without libLLVM, Mitsuba is left out, with a warning.
+* Cycles samples the middle half of a texel only (cycles_job.py), so it is judged by references of middle halves; texelwalk
+  and Mitsuba by references of whole texels. Nobody is charged for the other's idea of a texel.
 * One Cycles process denoises its result with all filters; each method is charged for its own filter only. The normals that
   guide one of them come for free.
 
@@ -25,6 +27,7 @@ import json
 import subprocess
 import sys
 import time
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,6 +51,9 @@ FILTERS = ("RT", "RT+normal", "RTLightmap")
 SPLATS = ("share", "none", "paper")
 # Stages that are start-up: reading, charts, writing. The hierarchy of the tracer stays in, as in Cycles' bake operator.
 START_UP = ("load", "atlas", "encode")
+PRODUCTION = tomllib.loads((PIPELINES / "presets" / "production.toml").read_text(encoding="utf-8"))
+# Edge of what Cycles samples of a texel; see cycles_job.py.
+CYCLES_FOOTPRINT = 0.5
 REFERENCE_SEEDS = (1001, 1002)
 TARGET_ERROR = 0.03
 
@@ -76,7 +82,7 @@ class Size:
     mitsuba_reference_samples: int
 
 
-FULL = Size(120_000, 3, (0.0625, 0.125, 0.25, 0.5, 1.0, 2.0), (1, 4, 16, 64), (4, 16, 64), 128, 512)
+FULL = Size(120_000, 3, (0.0625, 0.125, 0.25, 0.5, 1.0, 2.0), (1, 4, 16, 64), (4, 16, 64), 64, 256)
 QUICK = Size(5_000, 1, (0.125, 1.0), (1, 8), (8,), 32, 128)
 
 
@@ -126,8 +132,7 @@ class Bench:
             say(f"{place.name}: preparing")
             job(sys.executable, "cycles_job.py", "prepare", self.baked, self.folder, place.sky)
         self.judged = numpy.load(self.sets)["clear"]
-        self.references = self.make_references()
-        self.scale = self.references.mean() ** 2
+        self.whole, self.middle = self.make_references(True), self.make_references(False)
 
     def key(self):
         """Hash of everything that references depend on but their own samples and seeds."""
@@ -143,36 +148,38 @@ class Bench:
     def read(self, path):
         return numpy.load(path)["noisy"][self.judged].astype(numpy.float64)
 
-    def make_references(self):
-        made = {"cycles": [], "mitsuba": []}
+    def make_references(self, whole):
+        """Two halves by each renderer, of whole texels or of the middle halves that Cycles bakes."""
+        made, part = {"cycles": [], "mitsuba": []}, "whole" if whole else "middle"
         for seed in REFERENCE_SEEDS:
             for renderer, bake, samples in (("cycles", self.cycles, self.size.reference_samples),
                                             ("mitsuba", self.mitsuba_bake, self.size.mitsuba_reference_samples)):
                 if renderer == "mitsuba" and not self.mitsuba:
                     continue
-                path = self.folder / f"{renderer}-{samples}-{seed}.npz"
+                path = self.folder / f"{renderer}-{part}-{samples}-{seed}.npz"
                 if not path.is_file():
-                    say(f"{self.place.name}: reference by {renderer}, {samples} samples")
+                    say(f"{self.place.name}: reference by {renderer}, {part} texels, {samples} samples")
                     partial = path.with_name(f"partial-{path.name}")
-                    bake(partial, samples, seed, ())
+                    bake(partial, samples, seed, (), whole)
                     partial.rename(path)
                 made[renderer].append(self.read(path))
         return References(made["cycles"], made["mitsuba"])
 
-    def cycles(self, out, samples, seed, filters=FILTERS):
+    def cycles(self, out, samples, seed, filters=FILTERS, whole=False):
         wall = job(sys.executable, "cycles_job.py", "bake", self.folder, out, "--samples", samples, "--seed", seed,
-                   "--threads", self.threads, "--filters", *filters)
+                   "--threads", self.threads, *(("--whole",) if whole else ()), "--filters", *filters)
         return wall, json.loads(out.with_suffix(".json").read_text(encoding="utf-8"))
 
-    def mitsuba_bake(self, out, samples, seed, _=()):
+    def mitsuba_bake(self, out, samples, seed, _=(), whole=True):
         wall = job(self.mitsuba, "mitsuba_job.py", "bake", self.baked, self.sets, out, self.place.sky, "--samples", samples,
-                   "--seed", seed, "--threads", self.threads)
+                   "--seed", seed, "--threads", self.threads, "--footprint", 1.0 if whole else CYCLES_FOOTPRINT)
         return wall, json.loads(out.with_suffix(".json").read_text(encoding="utf-8"))
 
     def texelwalk(self, splat, factor, seed):
         """Texels, wall and core seconds of our bake."""
-        options = (*self.options, "--splat", splat, "--seed", seed, "--lines-per-texel", 32 * factor,
-                   "--gather", max(1, round(128 * factor)), "--direct-samples", max(1, round(16 * factor)))
+        scaled = {key: PRODUCTION[key] * factor for key in ("lines-per-texel", "gather", "direct-samples")}
+        options = (*self.options, "--splat", splat, "--seed", seed, "--lines-per-texel", scaled["lines-per-texel"],
+                   *(word for key in ("gather", "direct-samples") for word in (f"--{key}", max(1, round(scaled[key])))))
         report, wall, baked = runs.bake(self.binary, self.scene, self.work, "timed", options)
         core = sum(stage["seconds"] for stage in report["stages"] if stage["name"] not in START_UP)
         pages = [read_exr(baked.parent / f"timed.lightmap{k}.exr")[..., :3] for k in range(report["atlas"]["pages"])]
@@ -203,18 +210,26 @@ class Bench:
                 row = found.setdefault((method, budget), Row(method, budget))
                 row.walls.append(wall)
                 row.cores.append(core)
-                row.squares.append([square / self.scale for square in self.references.against(texels)])
+                judges = self.middle if method.startswith("Cycles") else self.whole
+                row.squares.append([square / judges.mean() ** 2 for square in judges.against(texels)])
                 say(f"{self.place.name} round {seed}: {method} {budget:g}: {wall:.2f} s, NRMSE {100 * row.error():.2f} %")
         return list(found.values())
 
     def facts(self):
-        sets = numpy.load(self.sets)
-        return (f"{int(sets['charted'].sum()):,} texels, {int(self.judged.sum()):,} judged; {self.size.rounds} round(s), {self.threads} thread(s). "
-                f"Judges: Cycles, 2 × {self.size.reference_samples} samples"
-                + (f", and Mitsuba, 2 × {self.size.mitsuba_reference_samples}; free of noise they disagree by "
-                   f"{tables.percent(self.references.disagreement())}, in mean by "
-                   f"{tables.percent(sum(s.mean() for s in self.references.second) / sum(f.mean() for f in self.references.first) - 1.0)}."
-                   if self.references.second else " (Mitsuba did not run)."))
+        """What was compared, and how well the judges agree, as sentences."""
+        sets, size = numpy.load(self.sets), self.size
+        text = (f"{int(sets['charted'].sum()):,} texels, {int(self.judged.sum()):,} judged; {size.rounds} round(s), "
+                f"{self.threads} thread(s). Judges: Cycles, 2 × {size.reference_samples} samples")
+        if not self.mitsuba:
+            return f"{text}; Mitsuba did not run."
+        text += f", and Mitsuba, 2 × {size.mitsuba_reference_samples}."
+        for name, judges in (("whole texels", self.whole), ("middle halves of texels", self.middle)):
+            error, least = judges.disagreement()
+            mean = sum(s.mean() for s in judges.second) / sum(f.mean() for f in judges.first) - 1.0
+            text += (f" On {name} they disagree by {tables.percent(error)} (below {tables.percent(least)} is not told from zero), "
+                     f"in mean by {tables.percent(mean)}.")
+        apart = References(self.whole.first, self.middle.second).disagreement()[0]
+        return f"{text} Between whole texels and middle halves lie {tables.percent(apart)}."
 
 
 def write(out, texts, scenes):
@@ -236,11 +251,12 @@ def main():
     parser.add_argument("--texels", type=int, help="charted texels per scene")
     parser.add_argument("--rounds", type=int)
     parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--binary", type=Path, help="the texelwalk to measure; without it, cargo builds one")
     arguments = parser.parse_args()
     size = QUICK if arguments.quick else FULL
     size = Size(**{**size.__dict__, "texels": arguments.texels or size.texels, "rounds": arguments.rounds or size.rounds})
     arguments.out.mkdir(parents=True, exist_ok=True)
-    out, binary, mitsuba = arguments.out.resolve(), runs.build_binary(), mitsuba_python()
+    out, binary, mitsuba = arguments.out.resolve(), arguments.binary or runs.build_binary(), mitsuba_python()
     texts, scenes = [], {}
     for place in (p for p in PLACES if p.name in arguments.scene):
         bench = Bench(place, size, binary, mitsuba, out, arguments.threads)

@@ -3,6 +3,11 @@
     cycles_job.py prepare BAKED.glb FOLDER R,G,B        a .blend file, and sets.npz: which texels are judged, their normals
     cycles_job.py bake FOLDER OUT --samples N --seed N  OUT.npz (noisy and denoised texels) and OUT.json (seconds)
 
+Cycles spreads the samples of a texel over the middle half of its edges only: Blender hands it half the derivatives of the
+surface along the texel (`bake_differentials` in source/blender/render/intern/bake.cc has 0.5 where 1 belongs; the middle half
+of Mitsuba's texels agrees, whole ones differ along shadows). With `--whole`, four bakes with lightmap coordinates moved by a
+quarter of a texel each way cover the texel evenly.
+
 Runs in the environment of the cross-checks. The scene is made once and read back from a .blend file, as a user of Blender
 would have it: what it takes to translate glTF is not held against Cycles. Texels of all pages are one flat list.
 """
@@ -45,7 +50,9 @@ def prepare(baked, folder, sky):
     hidden = buried.buried_share(built.object.data, parity.LIGHTMAP_UV, built.triangle_page, built.double_sided, sizes)
     charted = [read_exr(baked.parent / page["uri"])[..., 3] > 0.5 for page, _ in built.pages]
     inside = [interior(c) & w for c, w in zip(charted, written)]
-    numpy.savez(folder / "sets.npz", sizes=sizes, charted=flat(charted), written=flat(written), interior=flat(inside),
+    # One texel in lightmap coordinates, per corner; what has no page may take the first.
+    texel = numpy.repeat((1.0 / numpy.array(sizes, numpy.float32))[numpy.maximum(built.triangle_page, 0)], 3, axis=0)
+    numpy.savez(folder / "sets.npz", sizes=sizes, texel=texel, charted=flat(charted), written=flat(written), interior=flat(inside),
                 clear=flat([i & (h == 0.0) for i, h in zip(inside, hidden)]),
                 normals=flat([oidn.filled(n, w, MARGIN) for n, w in zip(normals(built), written)]))
 
@@ -70,8 +77,12 @@ def bake(folder, out, arguments):
         bpy.ops.wm.open_mainfile(filepath=str(folder / "scene.blend"))
     pages = [(None, bpy.data.images[name]) for name in bpy.context.scene["pages"]]
     ready = time.perf_counter()
+    baked_object, how = bpy.data.objects["baked"], (arguments.samples, arguments.seed, arguments.threads)
     with parity.quiet():
-        noisy = parity.bake(bpy.data.objects["baked"], pages, arguments.samples, arguments.seed, arguments.threads)
+        if arguments.whole:
+            noisy = whole(baked_object, pages, numpy.load(folder / "sets.npz")["texel"], *how)
+        else:
+            noisy = parity.bake(baked_object, pages, *how)
     baked = time.perf_counter()
     results, seconds = {"noisy": flat(noisy).astype(numpy.float32)}, {"ready": ready - STARTED, "bake": baked - ready}
     guide = numpy.load(folder / "sets.npz")["normals"] if "RT+normal" in arguments.filters else None
@@ -81,6 +92,19 @@ def bake(folder, out, arguments):
         seconds[kind] = time.perf_counter() - begun
     numpy.savez(out.with_suffix(".npz"), **results)
     out.with_suffix(".json").write_text(json.dumps(seconds), encoding="utf-8")
+
+
+def whole(baked, pages, texel, samples, seed, threads):
+    """Means over whole texels, from four bakes that each cover a quarter of every texel."""
+    layer = baked.data.uv_layers[parity.LIGHTMAP_UV].uv
+    home = numpy.empty_like(texel)
+    layer.foreach_get("vector", home.ravel())
+    bakes = []
+    for k, offset in enumerate(((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))):
+        layer.foreach_set("vector", (home + texel * numpy.float32(offset)).ravel())
+        baked.data.update()
+        bakes.append(parity.bake(baked, pages, samples // 4, 4 * seed + k, threads))
+    return [sum(page) / 4.0 for page in zip(*bakes)]
 
 
 def denoised_pages(pages, kind, guide, threads):
@@ -107,6 +131,7 @@ def main():
     command.add_argument("--samples", type=int, required=True)
     command.add_argument("--seed", type=int, required=True)
     command.add_argument("--threads", type=int, default=2)
+    command.add_argument("--whole", action="store_true", help="cover whole texels, for references")
     command.add_argument("--filters", nargs="*", default=[], choices=oidn.FILTERS)
     arguments = parser.parse_args()
     if arguments.command == "prepare":

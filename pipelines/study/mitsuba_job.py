@@ -89,13 +89,13 @@ class Baker:
         normal = dr.normalize(dr.cross(b - a, c - a))
         return a + (b - a) * u + (c - a) * v, normal, valid
 
-    def wave(self, texels, samples, seed):
+    def wave(self, texels, samples, seed, footprint):
         """Sums of E/π over `samples` points of each texel (x, y, page), and how many of them lie on a surface."""
         count = len(texels)
         self.sampler.seed(seed, count * samples)
         which = dr.arange(mi.UInt32, count * samples) // samples
         x, y, page = (dr.gather(mi.Float, mi.Float(texels[:, k].astype(numpy.float32)), which) for k in range(3))
-        jitter = self.sampler.next_2d()
+        jitter = 0.5 + footprint * (self.sampler.next_2d() - 0.5)
         point, normal, valid = self.origins(x + jitter.x, y + jitter.y, page * APART)
         ray = mi.RayDifferential3f(o=point + normal * self.height, d=-normal)
         met = self.scene.ray_intersect(ray, valid)
@@ -124,7 +124,7 @@ def bake(arguments):
     ready = time.perf_counter()
     total, most = numpy.zeros((len(texels), 4)), max(1, WAVE // len(texels))
     for done in range(0, arguments.samples, most):
-        total += baker.wave(texels, min(most, arguments.samples - done), arguments.seed * 4096 + done // most)
+        total += baker.wave(texels, min(most, arguments.samples - done), arguments.seed * 4096 + done // most, arguments.footprint)
     result = numpy.full((len(sets["charted"]), 3), numpy.nan, numpy.float32)
     with numpy.errstate(invalid="ignore"):
         result[sets["charted"]] = total[:, :3] / total[:, 3:]
@@ -145,6 +145,7 @@ def main():
     command.add_argument("--samples", type=int, required=True)
     command.add_argument("--seed", type=int, required=True)
     command.add_argument("--threads", type=int, default=2)
+    command.add_argument("--footprint", type=float, default=1.0, help="edge of the middle part of a texel that is sampled")
     arguments = parser.parse_args()
     if arguments.command == "probe":
         # Without libLLVM this ends with an exception.

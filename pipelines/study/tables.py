@@ -32,7 +32,7 @@ def budget_table(rows):
     best = min((row.square * row.core for row in of(rows, OURS)), default=math.nan)
     for row in sorted(rows, key=lambda r: (methods(rows).index(r.method), r.budget)):
         cost = row.square * row.core
-        text.append(f"| {row.method} | {row.budget:g} | {row.wall:.2f} | {row.core:.2f} | {percent(row.error())} | {percent(row.error(1))} "
+        text.append(f"| {row.method} | {row.budget:g} | {row.wall:.2f} | {row.core:.2f} | {percent(row.error())} ± {100.0 * row.uncertainty():.2f} | {percent(row.error(1))} "
                     f"| {percent(row.error(2))} | {cost:.2e} | {cost / best:.2f} |")
     return text
 
