@@ -48,7 +48,9 @@ from gltf_file import GltfFile  # noqa: E402
 from pictures import read_exr  # noqa: E402
 
 FILTERS = ("RT", "RT+normal", "RTLightmap")
-SPLATS = ("share", "none", "paper")
+# Our methods: --splat, and a factor of --direct-samples on top of the budget's: where shadows end, direct light is what is
+# noisy, and its rays are cheaper than those of the gather.
+OURS = {"share": ("share", 1), "share, direct × 4": ("share", 4), "none": ("none", 1), "paper": ("paper", 1)}
 # Stages that are start-up: reading, charts, writing. The hierarchy of the tracer stays in, as in Cycles' bake operator.
 START_UP = ("load", "atlas", "encode")
 PRODUCTION = tomllib.loads((PIPELINES / "presets" / "production.toml").read_text(encoding="utf-8"))
@@ -175,9 +177,11 @@ class Bench:
                    "--seed", seed, "--threads", self.threads, "--footprint", 1.0 if whole else CYCLES_FOOTPRINT)
         return wall, json.loads(out.with_suffix(".json").read_text(encoding="utf-8"))
 
-    def texelwalk(self, splat, factor, seed):
+    def texelwalk(self, method, factor, seed):
         """Texels, wall and core seconds of our bake."""
+        splat, direct = OURS[method]
         scaled = {key: PRODUCTION[key] * factor for key in ("lines-per-texel", "gather", "direct-samples")}
+        scaled["direct-samples"] *= direct
         options = (*self.options, "--splat", splat, "--seed", seed, "--lines-per-texel", scaled["lines-per-texel"],
                    *(word for key in ("gather", "direct-samples") for word in (f"--{key}", max(1, round(scaled[key])))))
         report, wall, baked = runs.bake(self.binary, self.scene, self.work, "timed", options)
@@ -189,8 +193,8 @@ class Bench:
         """One round: (method, budget, texels, wall, core) of every method at every budget."""
         out = self.work / "timed.npz"
         for factor in self.size.factors:
-            for splat in SPLATS:
-                yield f"texelwalk {splat}", factor, *self.texelwalk(splat, factor, seed)
+            for method in OURS:
+                yield f"texelwalk {method}", factor, *self.texelwalk(method, factor, seed)
         for samples in self.size.samples:
             wall, seconds = self.cycles(out, samples, seed)
             wall -= sum(seconds[kind] for kind in FILTERS)

@@ -52,7 +52,7 @@ def prepare(baked, folder, sky):
     inside = [interior(c) & w for c, w in zip(charted, written)]
     # One texel in lightmap coordinates, per corner; what has no page may take the first.
     texel = numpy.repeat((1.0 / numpy.array(sizes, numpy.float32))[numpy.maximum(built.triangle_page, 0)], 3, axis=0)
-    numpy.savez(folder / "sets.npz", sizes=sizes, texel=texel, charted=flat(charted), written=flat(written), interior=flat(inside),
+    numpy.savez(folder / "sets.npz", sizes=sizes, texel=texel, charted=flat(charted),
                 clear=flat([i & (h == 0.0) for i, h in zip(inside, hidden)]),
                 normals=flat([oidn.filled(n, w, MARGIN) for n, w in zip(normals(built), written)]))
 

@@ -14,7 +14,7 @@ OURS = "texelwalk share"
 # Without bias and without sharing of noise: their squared error goes with 1/time, so they may be extrapolated.
 UNBIASED = ("Cycles", "Mitsuba")
 COLORS = {"texelwalk": "tab:red", "Cycles": "tab:blue", "Cycles+": "tab:cyan", "Mitsuba": "tab:green"}
-DASHES = {"share": "-", "none": "--", "paper": ":", "RT": ":", "RT+normal": "--", "RTLightmap": "-."}
+DASHES = {"share": "-", "none": "--", "paper": ":", "share, direct × 4": "-.", "RT": ":", "RT+normal": "--", "RTLightmap": "-."}
 CLOCKS = {"wall": "whole process", "core": "without start-up"}
 
 
@@ -32,8 +32,8 @@ def budget_table(rows):
     best = min((row.square * row.core for row in of(rows, OURS)), default=math.nan)
     for row in sorted(rows, key=lambda r: (methods(rows).index(r.method), r.budget)):
         cost = row.square * row.core
-        text.append(f"| {row.method} | {row.budget:g} | {row.wall:.2f} | {row.core:.2f} | {percent(row.error())} ± {100.0 * row.uncertainty():.2f} | {percent(row.error(1))} "
-                    f"| {percent(row.error(2))} | {cost:.2e} | {cost / best:.2f} |")
+        error = f"{percent(row.error())} ± {100.0 * row.uncertainty():.2f} | {percent(row.error(1))} | {percent(row.error(2))}"
+        text.append(f"| {row.method} | {row.budget:g} | {row.wall:.2f} | {row.core:.2f} | {error} | {cost:.2e} | {cost / best:.2f} |")
     return text
 
 
