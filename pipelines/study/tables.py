@@ -97,7 +97,7 @@ def plot(scenes, path, error):
             panel.grid(True, which="both", linewidth=0.3)
     for panel in panels[:, 0]:
         panel.set_ylabel("NRMSE [%]")
-    panels[0, 0].legend(fontsize=7)
-    figure.tight_layout()
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="lower center", ncols=3, fontsize=7)
+    figure.tight_layout(rect=(0.0, 0.08, 1.0, 1.0))
     figure.savefig(path, dpi=120)
     pyplot.close(figure)
