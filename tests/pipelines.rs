@@ -1,4 +1,4 @@
-//! Runs what `pipelines/` offers to build systems and artists: presets, Make, Ninja, Blender.
+//! Runs what `pipelines/` offers to build systems and artists: presets, Make, Ninja, Blender; and the study of error against time.
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "tests")]
 
 #[path = "support/crosscheck_env.rs"]
@@ -166,4 +166,26 @@ fn blender_shows_base_color_times_lightmap() {
             assert!((found / expected - 1.0).abs() < 0.01, "pixel {x},{y} channel {c}: {found}, expected {expected}");
         }
     }
+}
+
+#[test]
+#[ignore = "slow: Cycles, its denoiser and Mitsuba on the CPU, minutes"]
+fn the_study_of_error_against_time_runs_and_its_judges_find_us_right() {
+    let out = folder("study");
+    let script = root().join("pipelines/study/curves.py");
+    let mut study = Command::new(environment_python());
+    study.args([text(&script), text(&out), "--quick", "--scene", "cornell"]);
+    study.args(["--binary", env!("CARGO_BIN_EXE_texelwalk")]);
+    said(study.output().unwrap());
+    let table = fs::read_to_string(out.join("curves.csv")).unwrap();
+    let rows: Vec<Vec<&str>> = table.lines().skip(1).map(|line| line.split(',').collect()).collect();
+    let error = |method: &str, budget: f32| -> f32 {
+        let row = rows.iter().find(|r| r[1] == method && r[2].parse() == Ok(budget));
+        row.unwrap_or_else(|| panic!("no {method} at {budget} in\n{table}"))[5].parse().unwrap()
+    };
+    // Cycles' own noise, and what its denoiser makes of it, show that errors are not of our own making.
+    assert!(error("Cycles", 8.0) < 0.4 && error("Cycles", 8.0) < 0.5 * error("Cycles", 1.0), "{table}");
+    assert!(error("Cycles + OIDN RT", 8.0) < 0.5 * error("Cycles", 8.0), "{table}");
+    assert!(error("texelwalk share", 1.0) < 0.03, "{table}");
+    assert!(out.join("curves.png").is_file());
 }

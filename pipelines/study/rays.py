@@ -13,48 +13,17 @@ Prerequisites: cargo, a C++ compiler (c++, or $CXX), Python 3 with venv.
 """
 
 import argparse
-import fcntl
-import hashlib
 import os
-import shutil
-import subprocess
-import sys
-from pathlib import Path
 
-HERE = Path(__file__).resolve().parent
-ROOT = HERE.parents[1]
-WORK = ROOT / "target" / "study"
-REQUIREMENTS = HERE / "requirements.txt"
+from study_venv import HERE, ROOT, VENV, WORK, fail, locked, python, run
+
 MODES = ("medium", "robust")
 
 
-def fail(message):
-    sys.stderr.write(f"error: {message}\n")
-    raise SystemExit(1)
-
-
-def run(what, command, **kwargs):
-    """Standard output of a command that has to succeed."""
-    try:
-        done = subprocess.run([str(c) for c in command], stdout=subprocess.PIPE, text=True, check=False, **kwargs)
-    except FileNotFoundError:
-        fail(f"{what}: '{command[0]}' is not installed")
-    if done.returncode != 0:
-        fail(f"{what} failed with exit code {done.returncode}")
-    return done.stdout
-
-
 def library():
-    """Path of libembree4 in an environment that is made when its requirements have changed."""
-    venv, stamp = WORK / "venv", WORK / "venv" / "stamp"
-    wanted = hashlib.sha256(REQUIREMENTS.read_bytes()).hexdigest()
-    if not (stamp.is_file() and stamp.read_text(encoding="utf-8") == wanted):
-        shutil.rmtree(venv, ignore_errors=True)
-        run("making the environment", [sys.executable, "-m", "venv", venv])
-        run("installing Embree", [venv / "bin" / "python", "-m", "pip", "install", "--quiet",
-                                  "--disable-pip-version-check", "--only-binary=:all:", "-r", REQUIREMENTS])
-        stamp.write_text(wanted, encoding="utf-8")
-    found = sorted(venv.glob("lib/python*/site-packages/embreex.libs/libembree4*.so*"))
+    """Path of libembree4 in the environment of the studies."""
+    python()
+    found = sorted(VENV.glob("lib/python*/site-packages/embreex.libs/libembree4*.so*"))
     if not found:
         fail("the wheel has no libembree4; this script knows the Linux wheels only")
     return found[0]
@@ -126,9 +95,7 @@ def main():
     parser.add_argument("--passes", default="5")
     parser.add_argument("--rounds", type=int, default=3)
     options = parser.parse_args()
-    WORK.mkdir(parents=True, exist_ok=True)
-    with open(WORK / "lock", "w", encoding="utf-8") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with locked("lock"):
         embree = compile_embree()
         bench = ["cargo", "bench", "--quiet", "--locked", "--bench", "rays", "--"]
         if not report(measure(options, bench, embree)):
