@@ -29,6 +29,8 @@ import oidn  # noqa: E402
 import parity  # noqa: E402
 from pictures import interior, read_exr  # noqa: E402
 
+# A texel is looked at for buried parts on this many points per side.
+FINE = 4
 # Texels that are made up around charts before denoising: the padding between charts is 4.
 MARGIN = 8
 
@@ -47,13 +49,15 @@ def prepare(baked, folder, sky):
         written = [page[..., 0] != parity.UNTOUCHED for page in parity.bake(built.object, built.pages, 1, 0, 2)]
         bpy.ops.wm.save_as_mainfile(filepath=str(folder / "scene.blend"))
     sizes = [tuple(image.size) for _, image in built.pages]
-    hidden = buried.buried_share(built.object.data, parity.LIGHTMAP_UV, built.triangle_page, built.double_sided, sizes)
+    fine = [tuple(FINE * n for n in size) for size in sizes]
+    hidden = buried.buried(built.object.data, parity.LIGHTMAP_UV, built.triangle_page, built.double_sided, fine)
+    hidden = [parity.blocks(h, FINE).any(axis=(1, 3)) for h in hidden]
     charted = [read_exr(baked.parent / page["uri"])[..., 3] > 0.5 for page, _ in built.pages]
     inside = [interior(c) & w for c, w in zip(charted, written)]
     # One texel in lightmap coordinates, per corner; what has no page may take the first.
     texel = numpy.repeat((1.0 / numpy.array(sizes, numpy.float32))[numpy.maximum(built.triangle_page, 0)], 3, axis=0)
     numpy.savez(folder / "sets.npz", sizes=sizes, texel=texel, charted=flat(charted),
-                clear=flat([i & (h == 0.0) for i, h in zip(inside, hidden)]),
+                clear=flat([i & ~h for i, h in zip(inside, hidden)]),
                 normals=flat([oidn.filled(n, w, MARGIN) for n, w in zip(normals(built), written)]))
 
 
