@@ -3,13 +3,21 @@
 //! In: estimates of every kind after a round. Out: for each kind, the patches that need more samples, and how many.
 //!
 //! The difference of two halves is one draw of an error, too little to judge by: half of the noisy texels would look
-//! clean. So variances per sample are averaged over the 3 × 3 texels that have samples of the kind. A texel has enough when
-//! its squared error is below ENOUGH² · visible · mean, where `visible` is the light there, all kinds together, plus
-//! [`DARK`] of the scene's mean: half-way between an absolute error, which spends the rays on the brightest texels, and a
-//! relative one, which spends them in the dark.
+//! clean. So variances per sample are averaged over the 3 × 3 texels that have samples of the kind. With v that variance
+//! and n its samples, one more sample takes v/n² off a texel's squared error. It gets more as long as v/n² · n₀ is above
+//! ENOUGH² · visible · mean, n₀ the samples asked for and `visible` the light there, all kinds together, plus [`DARK`] of the
+//! scene's mean: half-way between an absolute error, which spends the rays on the brightest texels, and a relative one,
+//! which spends them in the dark.
 //!
-//! What lost, as rays a texel: NRMSE / root mean square relative error, office at 32 samples (`tests/bench/direct.rs`):
-//! * as kept: 118: 2.7 % / 2.9 % (by ENOUGH = 0.03); cornell 66: 1.4 % / 1.9 %;
+//! What lost, as NRMSE in a bake with the default preset, 10,000 texels, seconds of direct light on 2 cores:
+//! * as kept, ENOUGH from 0.01 to 0.005: office 2.4 to 2.3 %, 0.8 to 1.4 s; courtyard 1.5 to 1.2 %, 0.2 to 0.3 s; room 13 %,
+//!   3.7 to 6 s (nearly all of it in four texels inside a lampshade, 200 times as bright as the mean);
+//! * samples until v/n itself is small, at most 16 times those asked for: office 2.4 %, 1.0 s; courtyard 1.2 %, 0.3 s; room
+//!   35 %, 4.7 s; with up to 64 times room 13 % too, but 8.5 s;
+//! * four times the ENOUGH: courtyard 2.2 %, office 2.8 %, in 0.1 and 0.3 s less.
+//!
+//! And earlier, as rays a texel: NRMSE / root mean square relative error, office at 32 samples (`tests/bench/direct.rs`):
+//! * a threshold as above: 118: 2.7 % / 2.9 %; cornell 66: 1.4 % / 1.9 %;
 //! * no rounds, the same for everybody: 80: 3.4 % / 4.2 %; cornell 88: 1.6 % / 2.6 %;
 //! * relative error alone: 121: 3.0 % / 2.7 %; cornell 77: 1.3 % / 1.6 %;
 //! * a first round of half the samples: 83: 4.3 % / 4.2 %: edges of shadows go unnoticed;
@@ -28,10 +36,9 @@ pub(super) type Allotment = (u32, u32);
 /// Rounds after the first.
 pub(super) const ROUNDS: u32 = 3;
 /// Most samples, as a multiple of those asked for.
-const MOST: u32 = 16;
-/// Standard error over visible light at which a texel of mean brightness has enough, at [`TYPICAL`] samples. Less costs rays
-/// by its square where there are penumbrae; more leaves noise that a picture shows.
-const ENOUGH: f32 = 0.04;
+const MOST: u32 = 64;
+/// Standard error over visible light below which a texel of mean brightness gets no second round, at [`TYPICAL`] samples.
+const ENOUGH: f32 = 0.007;
 /// Samples for which [`ENOUGH`] holds; it falls with their square root.
 const TYPICAL: f32 = 32.0;
 /// Share of the scene's mean that counts as visible everywhere.
@@ -58,6 +65,7 @@ pub(super) fn wanted(
     let mean = (parallel::sum(n, |i| f64::from(visible[i])) / n.max(1) as f64) as f32;
     let enough = ENOUGH * ENOUGH * TYPICAL / samples as f32 * mean;
     let most = (samples * MOST / 2).max(1);
+    let typical = samples as f32 / 2.0;
     let one = |estimates: &[Estimate], i: usize| {
         let own = estimates[i];
         if own.samples == 0 || own.samples >= most {
@@ -74,8 +82,10 @@ pub(super) fn wanted(
             }
         });
         let level = (light / count).max(visible[i]) + DARK * mean;
-        let factor = spread / judges / own.samples as f32 / (enough * level).max(f32::MIN_POSITIVE);
-        let times = if factor > 4.0 { 8 } else { 4u32.min((factor.ceil() as u32).next_power_of_two()) };
+        let n = own.samples as f32;
+        let gain = spread / judges / (n * n) * typical;
+        let factor = (gain / (enough * level).max(f32::MIN_POSITIVE)).sqrt();
+        let times = (factor.min(8.0).ceil() as u32).next_power_of_two();
         (factor > 1.0).then(|| (i as u32, (own.samples * times).min(most)))
     };
     kinds.iter().map(|k| parallel::map(n, |i| one(k, i)).into_iter().flatten().collect()).collect()
