@@ -3,8 +3,9 @@
 //! [`Lanes`] is what the box test and the filter of the triangle test are written with. [`Portable`] is two 128-bit
 //! vectors, which every x86-64 and arm64 machine has; `avx2` has the other implementation.
 //!
-//! Invariants: every operation is one correctly rounded IEEE operation in each lane, so all implementations agree; they
-//! may differ for NaN and for the sign of zero, which decide nothing (see `triangle`, `traverse`). Every method is inlined
+//! Invariants: nothing that is computed here decides what is hit; it only refuses what `triangle` would refuse. So
+//! implementations may differ within their error bounds: in whether a product is rounded before a sum, for NaN, and in
+//! the sign of zero. All other operations are one correctly rounded IEEE operation in each lane. Every method is inlined
 //! by force: an implementation may use instructions that only the outermost function is compiled for.
 
 use glam::Vec4;
@@ -29,10 +30,22 @@ pub(super) trait Lanes: Copy {
     fn at_most(self, other: Self) -> u32;
     /// A bit for each lane that is below the other one; not for NaN.
     fn below(self, other: Self) -> u32;
+    /// `self`·`other` − `minus`; it may be rounded once or twice.
+    fn times_minus(self, other: Self, minus: Self) -> Self;
+    /// `from` − `self`·`other`; it may be rounded once or twice.
+    fn times_from(self, other: Self, from: Self) -> Self;
+    /// What [`Lanes::plane`] needs for near and for far planes along one axis, of a ray's `origin` and the negative
+    /// reciprocal of its direction; `reach` bounds all coordinates.
+    fn axis(origin: f32, inverse: f32, reach: f32) -> [[Self; 2]; 2];
+    /// Distances to planes: at most the true ones for near planes, at least the true ones for far planes.
+    fn plane(at: &Eight, axis: [Self; 2]) -> Self;
     /// Asks for a cache line that will be read soon. Any address will do.
     #[inline(always)]
     fn prefetch(_address: usize) {}
 }
+
+/// (1 + ε)⁴/(1 − ε)⁴ with ε = 2⁻²⁴ is 1 + 8ε; this is 1 + 16ε.
+pub(super) const SLACK: f32 = 1.0 + 1.0 / (1u32 << 20) as f32;
 
 /// See the head of this file.
 #[derive(Clone, Copy)]
@@ -84,6 +97,28 @@ impl Lanes for Portable {
     #[inline(always)]
     fn size(self) -> Self {
         Self([self.0[0].abs(), self.0[1].abs()])
+    }
+
+    #[inline(always)]
+    fn times_minus(self, other: Self, minus: Self) -> Self {
+        self.times(other).minus(minus)
+    }
+
+    #[inline(always)]
+    fn times_from(self, other: Self, from: Self) -> Self {
+        from.minus(self.times(other))
+    }
+
+    /// Four roundings, all of them relative, so the far ones are enlarged by [`SLACK`].
+    #[inline(always)]
+    fn axis(origin: f32, inverse: f32, _reach: f32) -> [[Self; 2]; 2] {
+        let origin = Self::splat(origin);
+        [[origin, Self::splat(inverse)], [origin, Self::splat(inverse * SLACK)]]
+    }
+
+    #[inline(always)]
+    fn plane(at: &Eight, [origin, inverse]: [Self; 2]) -> Self {
+        origin.minus(Self::load(at)).times(inverse)
     }
 
     #[inline(always)]
