@@ -131,3 +131,41 @@ impl Lanes for Portable {
         self.0[0].cmplt(other.0[0]).bitmask() | self.0[1].cmplt(other.0[1]).bitmask() << 4
     }
 }
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::base::random::Stage;
+    use crate::base::random::Stream;
+
+    /// Distances to planes are bounded on the right side, for coordinates and directions of any size.
+    pub(in super::super) fn planes_are_bounded<L: Lanes>() {
+        let mut s = Stream::new(9, Stage::Render, 0, 0);
+        for i in 0..300_000 {
+            let mut number = |size: f32| (s.next_f32() - 0.5) * size;
+            let size = [1e-3, 1.0, 1e3, 3e7][i % 4];
+            let (origin, mut at) = (number(size), number([size, 1e-3 * size][i / 4 % 2]));
+            let direction = number([2.0, 1e-6, 1e-28][i / 8 % 3]);
+            let direction = direction.abs().max(1e-29).copysign(direction);
+            if i % 5 == 0 {
+                at = origin * (1.0 + number(1e-6));
+            }
+            let inverse = -1.0 / direction;
+            let [near, far] = L::axis(origin, inverse, origin.abs().max(at.abs()));
+            let at_lanes = Eight([at; 8]);
+            let [near, far] = [near, far].map(|axis| f64::from(L::plane(&at_lanes, axis).store().0[i % 8]));
+            // What lies behind the origin is refused anyway. Of relative bounds only the far ones are enlarged.
+            let exact = ((f64::from(at) - f64::from(origin)) / f64::from(direction)).max(0.0);
+            let bounded = near <= exact * f64::from(SLACK) && (far >= exact || exact == 0.0);
+            assert!(bounded, "{near} {exact} {far}");
+            // And not by much more than the rounding of the coordinates.
+            let loose = 4e-6 * f64::from(origin.abs().max(at.abs()) / direction.abs());
+            assert!(far - near <= loose + 1e-38, "{near} {exact} {far}");
+        }
+    }
+
+    #[test]
+    fn portable_planes_are_bounded() {
+        planes_are_bounded::<Portable>();
+    }
+}

@@ -195,4 +195,17 @@ mod avx2 {
             unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(self.0, other.0)) as u32 }
         }
     }
+
+    #[cfg(test)]
+    mod tests {
+        use super::super::super::lanes::tests::planes_are_bounded;
+        use super::*;
+
+        #[test]
+        fn wide_planes_are_bounded() {
+            if Avx2::detect().is_some() {
+                planes_are_bounded::<Wide>();
+            }
+        }
+    }
 }
