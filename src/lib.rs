@@ -35,7 +35,7 @@
 //!
 //! * **Invariant:** the same input, options and version give the same bytes at any thread count. Random numbers are
 //!   hashes of what they are for; flux is summed in fixed point; sums of floats run over fixed chunks in order;
-//!   transcendental functions come from `libm`; nothing uses fused multiply-add.
+//!   transcendental functions come from `libm`; no fused multiply-add has a part in a result.
 //! * **Invariant:** only `scene` and `output` touch the file system, but for `render` reading lightmap pages through
 //!   them. Outputs appear together or not at all; an input is never overwritten.
 //! * **Invariant:** numeric stages return values and cannot fail; I/O stages have one error type each.

@@ -1,25 +1,24 @@
 //! Builds the hierarchy: nodes of eight boxes and packets of eight triangles.
 //!
-//! In: [`Scene`]. Out: [`Hierarchy`], and its root node. Two steps: `plan` decides what is below what, cut by cut (see
-//! `split`); `write` copies that into nodes and packets, depth first, so that what is near in space is near in memory.
+//! In: [`Scene`]. Out: [`Hierarchy`], and its root node. Two steps: `collapse` plans what is below
+//! what; `write` copies that into nodes and packets, depth first, so that what is near in space is near in memory.
 //!
-//! Source: Wald, Benthin, Boulos, "Getting rid of packets", 2008, §3: of the children of a node the one with the largest
-//! area is cut until eight are there. Where we differ, and why: children with triangles come first, then by falling area:
-//! the order in which a ray that asks for any hit should look.
+//! Children with triangles come first, then by falling area: the order in which a ray that asks for any hit should look.
 //!
 //! Boxes are one f32 step larger than their triangles on each side, and at least 2⁻⁴⁰ of the largest coordinate: so no
 //! box is flat, no point of a triangle lies on the border of its box, and the rounding of the double-precision triangle
 //! test (2⁻⁵³ of the distance) cannot put a hit outside of the box. See `traverse`.
 //!
 //! Invariants: every triangle with area and finite corners is in exactly one packet; the same bytes at every thread count;
-//! recursion is at most [`DEEPEST`] and the logarithm of the number of triangles deep. Limit: 2²⁸ triangles.
+//! recursion is no deeper than that of `collapse`. Limit: 2²⁸ triangles.
 
+use super::collapse::Branch;
+use super::collapse::Plan;
+use super::collapse::plan;
 use super::lanes::Eight;
 use super::machine;
 use super::split::Bounds;
 use super::split::Item;
-use super::split::halve;
-use super::split::split;
 use crate::base::parallel;
 use crate::scene::Alpha;
 use crate::scene::Scene;
@@ -37,9 +36,6 @@ const MAX_TRIANGLES: usize = 1 << 28;
 /// triangle test once an origin is far outside of the scene.
 const PAD: f32 = 1.0 / (1u64 << 40) as f32;
 
-/// From this depth on, nodes are cut in the middle, so that no scene makes the tree a chain. Reached by nothing but
-/// scenes made for it.
-const DEEPEST: usize = 48;
 /// Triangles below which a subtree is not worth a task.
 const TASK: usize = 1 << 12;
 
@@ -162,7 +158,7 @@ impl Hierarchy {
         });
         let extent = (bounds.1 - bounds.0).max_element();
         let branch = Branch { first: 0, count: items.len(), bounds: Bounds::of(&items) };
-        let plan = plan(&mut items, branch, 1.0 / extent, 0);
+        let plan = plan(&mut items, branch, 1.0 / extent);
         let (mut nodes, first_node) = machine::fill(plan.nodes, &Node::empty());
         let (mut packets, first_packet) = machine::fill(plan.packets, &Packet::empty());
         let (n, p) = (&mut nodes[first_node..], &mut packets[first_packet..]);
@@ -211,69 +207,6 @@ fn item(scene: &Scene, triangle: u32) -> Option<Item> {
         max: corners[0].max(corners[1]).max(corners[2]),
         flags: if opaque { 0 } else { Packet::TRANSPARENT },
     })
-}
-
-/// A run of items and the box around them.
-#[derive(Clone, Copy)]
-struct Branch {
-    first: usize,
-    count: usize,
-    bounds: Bounds,
-}
-
-/// What will be a node.
-struct Plan {
-    children: Vec<(Branch, Option<Self>)>,
-    /// Number of nodes from here on down, this one included, and of packets.
-    nodes: usize,
-    packets: usize,
-}
-
-/// Plans the node for a branch and all below. `items` are those of the branch.
-fn plan(items: &mut [Item], branch: Branch, scale: f32, depth: usize) -> Plan {
-    let branches = open(items, branch, scale, depth);
-    let mut rest = items;
-    let mut jobs = Vec::with_capacity(WIDTH);
-    for b in branches {
-        let (mine, others) = rest.split_at_mut(b.count);
-        rest = others;
-        jobs.push((mine, b));
-    }
-    let below = |(items, b): (&mut [Item], Branch)| (b, (b.count > LANES).then(|| plan(items, b, scale, depth + 1)));
-    let mut children: Vec<_> = if branch.count > TASK {
-        jobs.into_par_iter().map(below).collect()
-    } else {
-        jobs.into_iter().map(below).collect()
-    };
-    children.sort_by(|(a, x), (b, y)| {
-        let area = |b: &Branch| b.bounds.area(scale);
-        x.is_some().cmp(&y.is_some()).then(area(b).total_cmp(&area(a)))
-    });
-    let sum = |f: fn(&Plan) -> usize| children.iter().filter_map(|(_, p)| p.as_ref()).map(f).sum::<usize>();
-    let packets = children.iter().filter(|(_, p)| p.is_none()).count() + sum(|p| p.packets);
-    Plan { nodes: 1 + sum(|p| p.nodes), packets, children }
-}
-
-/// At most eight branches that together are the given one, in the order of their items.
-fn open(items: &mut [Item], branch: Branch, scale: f32, depth: usize) -> Vec<Branch> {
-    let mut out = vec![branch];
-    while out.len() < WIDTH {
-        let mut largest: Option<(f32, usize)> = None;
-        for (i, b) in out.iter().enumerate().filter(|(_, b)| b.count > LANES) {
-            let area = b.bounds.area(scale);
-            if largest.is_none_or(|(a, _)| area > a) {
-                largest = Some((area, i));
-            }
-        }
-        let Some((_, i)) = largest else { break };
-        let b = out[i];
-        let start = b.first - branch.first;
-        let mine = &mut items[start..start + b.count];
-        let (left, [l, r]) = if depth < DEEPEST { split(mine, scale) } else { halve(mine) };
-        out[i] = Branch { first: b.first, count: left, bounds: l };
-        out.insert(i + 1, Branch { first: b.first + left, count: b.count - left, bounds: r });
-    }
-    out
 }
 
 /// Fills exactly the nodes and packets of a plan; with each slice comes the index of its first element in the whole.

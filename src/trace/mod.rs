@@ -15,6 +15,7 @@
 //! 2²⁴ of the ray's length count as equally far.
 
 mod build;
+mod collapse;
 mod lanes;
 mod machine;
 mod origin;
@@ -101,11 +102,14 @@ impl<'a> Tracer<'a> {
     /// without area or with a coordinate that is not finite are left out.
     #[must_use]
     pub fn new(scene: &'a Scene) -> Self {
+        let hierarchy = Hierarchy::new(scene);
+        #[cfg(target_arch = "x86_64")]
+        let avx2 = machine::Avx2::detect().filter(|_| machine::Avx2::within(hierarchy.reach() as f32));
         Self {
             scene,
-            hierarchy: Hierarchy::new(scene),
+            hierarchy,
             #[cfg(target_arch = "x86_64")]
-            avx2: machine::Avx2::detect(),
+            avx2,
         }
     }
 
@@ -161,7 +165,9 @@ impl<'a> Tracer<'a> {
     #[inline]
     fn nearest(&self, ray: Ray3) -> Option<Hit> {
         #[cfg(target_arch = "x86_64")]
-        if let Some(avx2) = self.avx2 {
+        if let Some(avx2) = self.avx2
+            && machine::Avx2::within(ray.origin.abs().max_element())
+        {
             return avx2.closest(self, ray);
         }
         traverse::<Portable, false>(self, ray)
@@ -170,7 +176,9 @@ impl<'a> Tracer<'a> {
     #[inline]
     fn any(&self, ray: Ray3) -> bool {
         #[cfg(target_arch = "x86_64")]
-        if let Some(avx2) = self.avx2 {
+        if let Some(avx2) = self.avx2
+            && machine::Avx2::within(ray.origin.abs().max_element())
+        {
             return avx2.any(self, ray);
         }
         traverse::<Portable, true>(self, ray).is_some()
