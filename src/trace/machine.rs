@@ -58,6 +58,8 @@ mod avx2 {
     use super::super::Tracer;
     use super::super::lanes::Eight;
     use super::super::lanes::Lanes;
+    #[cfg(test)]
+    use super::super::lanes::tests::planes_are_bounded;
     use super::super::traverse::traverse;
     use core::arch::x86_64::*;
 
@@ -198,7 +200,6 @@ mod avx2 {
 
     #[cfg(test)]
     mod tests {
-        use super::super::super::lanes::tests::planes_are_bounded;
         use super::*;
 
         #[test]
