@@ -15,8 +15,9 @@
 //!
 //! Tried, with 20 and 200 thousand triangles: reciprocals without the division in `Shear`, and the sign of t before that
 //! division, 2 to 5 % slower; on top of them, one or two children pushed without a branch, 1 % slower still. No
-//! prefetches: nearest hit 6 and 18 % slower. For any hit, the next child alone is asked for: 6 and 1 % faster than all.
-//! Any hit accepted in f32 where all margins are clear: no gain, a hit saves what the packets before it cost.
+//! prefetches: nearest hit 6 and 18 % slower. To ask for all children for any hit, too,
+//! instead of the next one alone: a difference within the noise. Any hit accepted in f32 where all margins are clear: no
+//! gain, a hit saves what the packets before it cost.
 //!
 //! Invariants: nothing is culled that could be nearer than the best hit or equally near, so ties go to the smallest
 //! index whatever the order of visits. The stack grows: no depth is too large.
