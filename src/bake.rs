@@ -152,8 +152,8 @@ fn atlas_settings(settings: &Settings, cancel: Arc<std::sync::atomic::AtomicBool
 }
 
 impl Solution {
-    /// Root mean square of the error over the mean, all channels and covered texels alike: noise of direct light, walk and
-    /// gather, and bias of sharing.
+    /// Root mean square of the error over the mean, all channels and covered texels alike: noise of direct light, walk
+    /// and gather, and bias of sharing.
     fn estimated_nrmse(&self, patches: &Patches) -> Option<f64> {
         let total = parallel::sum(patches.front, |i| f64::from(self.halves.at(i).element_sum()));
         let n = 3.0 * patches.front as f64;
@@ -169,13 +169,7 @@ fn results(setup: &solve::Setup<'_>, groups: &[Group], atlas: &Atlas, solution: 
         Quantity::Radiosity => FRAC_1_PI,
         Quantity::Irradiance => 1.0,
     };
-    let lightmap = |values: &[Rgb]| {
-        let mut lightmap = finish::assemble(setup.patches, atlas.pages, values, factor);
-        for page in &mut lightmap.pages {
-            finish::dilate(page, settings.padding.max(1));
-        }
-        lightmap
-    };
+    let lightmap = |values: &[Rgb]| on_pages(setup, atlas.pages, values, factor);
     let whole = solution.halves.irradiance();
     // A single group is the whole; it gets its file all the same where groups are asked for.
     let values = if solution.groups.is_empty() { core::slice::from_ref(&whole) } else { solution.groups.as_slice() };
@@ -185,4 +179,13 @@ fn results(setup: &solve::Setup<'_>, groups: &[Group], atlas: &Atlas, solution: 
         aovs: layers::layers(setup, atlas.pages, solution, factor),
         lightmap: lightmap(&whole),
     }
+}
+
+/// Values of the front patches, times `factor`, on pages with filled borders.
+fn on_pages(setup: &solve::Setup<'_>, pages: u32, values: &[Rgb], factor: f32) -> Lightmap {
+    let mut lightmap = finish::assemble(setup.patches, pages, values, factor);
+    for page in &mut lightmap.pages {
+        finish::dilate(page, setup.settings.padding.max(1));
+    }
+    lightmap
 }

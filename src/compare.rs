@@ -1,7 +1,8 @@
 //! How far one lightmap is from another: the figures of `texelwalk compare`.
 //!
-//! A texel counts where the reference is covered (A > 0, if it has an A channel) and the mask, if there is one, is above
-//! 0 in any of R, G, B. With r and t the values of reference and test over the three channels of all texels that count:
+//! A texel counts where the reference is covered (A > 0, if it has an A channel) and the mask, if there is one, is
+//! above 0 in any of R, G, B. With r and t the values of reference and test over the three channels of all texels that
+//! count:
 //!   MSE = mean (t − r)²      NRMSE = √MSE / mean r      PSNR = 10 log₁₀ (max r)² / MSE [dB]
 //!
 //! Sums are taken in double precision in a fixed order, so the figures have the same bits at every thread count.

@@ -10,11 +10,11 @@
 //! ```
 //!
 //! [`bake`] runs it and is the only code that names every stage. [`scene`] reads a glTF into world-space triangles;
-//! after it nothing is optional. [`trace`] answers what a ray meets. [`atlas`] gives every surface a place on a lightmap
-//! page. [`patches`] makes every texel that a triangle touches a patch, and links neighbours that see each other.
-//! [`light`] finds direct light, [`walk`] all bounces, [`mod@gather`] the last bounce once more per texel. [`finish`]
-//! shares noisy light between neighbours, fills pages and dilates them. [`output`] turns results into bytes and puts
-//! them on the disk together. [`mod@inspect`], [`mod@compare`] and [`mod@render`] look at inputs and results.
+//! after it nothing is optional. [`trace`] answers what a ray meets. [`atlas`] gives every surface a place on a
+//! lightmap page. [`patches`] makes every texel that a triangle touches a patch, and links neighbours that see each
+//! other. [`light`] finds direct light, [`walk`] all bounces, [`mod@gather`] the last bounce once more per texel.
+//! [`finish`] shares noisy light between neighbours, fills pages and dilates them. [`output`] turns results into bytes
+//! and puts them on the disk together. [`mod@inspect`], [`mod@compare`] and [`mod@render`] look at inputs and results.
 //! [`settings`] says what the options of [`cli`] mean.
 //!
 //! # Units
@@ -54,14 +54,15 @@
 //!
 //! # Absent on purpose
 //!
-//! GPU code, a window, specular light, a denoiser that does not know where light comes from, and defaults that depend on
-//! the machine.
+//! GPU code, a window, specular light, a denoiser that does not know where light comes from, and defaults that depend
+//! on the machine.
 //!
 //! # Bibliography
 //!
 //! * F. Castro, M. Feixas, M. Sbert: "Fuzzy Random Walk". Universitat de Girona, 2002. The walk and its splat.
 //! * P. Bekaert: "Hierarchical and Stochastic Algorithms for Radiosity". doctoral thesis, KU Leuven, 1999. Shooting.
-//! * A. Conty Estevez, C. Kulla: "Importance Sampling of Many Lights with Adaptive Tree Splitting". HPG 2018. Many lights.
+//! * A. Conty Estevez, C. Kulla: "Importance Sampling of Many Lights with Adaptive Tree Splitting". HPG 2018. Many
+//!   lights.
 //! * O. Karlík, M. Šik, P. Vévoda, T. Skřivan, J. Křivánek: "MIS Compensation". SIGGRAPH Asia 2019. Environment maps.
 //! * J. Arvo: "Stratified Sampling of Spherical Triangles". SIGGRAPH 1995. Emissive surfaces.
 //! * F. Rousselle, M. Manzi, M. Zwicker: "Robust Denoising using Feature and Color Information". CGF 32(7), 2013. Two

@@ -3,15 +3,15 @@
 //! In: the baked document as a [`Scene`] and its [`Lightmaps`]. Out: [`Picture`].
 //!
 //! Through every pixel go n² stratified primary rays. At the first surface that faces the camera (backs of one-sided
-//! materials are passed, as viewers cull them) the outgoing radiance is ρ/π · E + emission, where E = texel × intensity is
-//! looked up bilinearly on the lightmap's own coordinates; coverage is not looked at, because dilated texels belong to
-//! the filter. Unlit materials show their base colour. What has no lightmap shows only its own emission. Rays that leave
-//! the scene meet the sky or, if that is black, a neutral background.
+//! materials are passed, as viewers cull them) the outgoing radiance is ρ/π · E + emission, where E = texel × intensity
+//! is looked up bilinearly on the lightmap's own coordinates; coverage is not looked at, because dilated texels belong
+//! to the filter. Unlit materials show their base colour. What has no lightmap shows only its own emission. Rays that
+//! leave the scene meet the sky or, if that is black, a neutral background.
 //!
 //! Exposure is 2^stops; without it, the log-average luminance of the lit surfaces in view (one ray per pixel) is mapped
-//! to [`KEY`]. The tone curve is per channel c(1 + c/W²)/(1 + c) with W = [`WHITE`]: Reinhard, Stark, Shirley, Ferwerda,
-//! "Photographic tone reproduction for digital images", SIGGRAPH 2002, eq. (4), there on luminance. Samples are averaged
-//! after the curve, so that edges of lamps stay smooth.
+//! to [`KEY`]. The tone curve is per channel c(1 + c/W²)/(1 + c) with W = [`WHITE`]: Reinhard, Stark, Shirley,
+//! Ferwerda, "Photographic tone reproduction for digital images", SIGGRAPH 2002, eq. (4), there on luminance. Samples
+//! are averaged after the curve, so that edges of lamps stay smooth.
 
 mod camera;
 mod lightmap;
@@ -214,7 +214,8 @@ impl Shot<'_> {
             Seen::Surface(reflected, _) => f64::from(luminance(reflected)),
             _ => 0.0,
         });
-        // Unlit corners would pull a logarithm down without end, so everything below a thousandth of the mean is left out.
+        // Unlit corners would pull a logarithm down without end, so everything below a thousandth of the mean is left
+        // out.
         let lit = values.iter().filter(|v| **v > 0.0).count() as f64;
         let least = values.iter().fold(0.0, |a, b| a + b) / lit.max(1.0) * 1e-3;
         let (mut sum, mut count) = (0.0, 0.0);

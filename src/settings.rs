@@ -123,7 +123,8 @@ pub struct Options {
     /// Further layers for every page, in NAME.aov0.exr, with commas
     #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',', help_heading = "Lightmap")]
     pub aov: Option<Vec<Aov>>,
-    /// A lightmap for each group of lights, NAME.lightmap-GROUP0.exr, besides their sum; as many times the work [default: false]
+    /// A lightmap for each group of lights, NAME.lightmap-GROUP0.exr, besides their sum; as many times the work
+    /// [default: false]
     #[arg(
         long,
         value_name = "BOOL",
@@ -146,7 +147,8 @@ pub struct Options {
     /// How direct light is found
     #[arg(long, value_enum, value_name = "MODE", help_heading = "Solver")]
     pub direct: Option<DirectMode>,
-    /// Shadow rays per texel to lights and surfaces, to sky and environment, and to each sun with a size; more in penumbrae
+    /// Shadow rays per texel to lights and surfaces, to sky and environment, and to each sun with a size; more in
+    /// penumbrae
     #[arg(long, value_name = "N", help_heading = "Solver")]
     pub direct_samples: Option<u32>,
     /// Lines of the walk over all bounces
@@ -164,7 +166,8 @@ pub struct Options {
     /// Refine until the estimated relative error is X, for example 0.02; the budget above only sets the proportions
     #[arg(long, value_name = "X", help_heading = "Solver")]
     pub target_error: Option<f64>,
-    /// Refine until S seconds have passed since the start, or until --target-error; the result then depends on the machine
+    /// Refine until S seconds have passed since the start, or until --target-error; the result then depends on the
+    /// machine
     #[arg(long, value_name = "S", help_heading = "Solver")]
     pub time_limit: Option<f64>,
     /// Chooses the random numbers
@@ -189,7 +192,8 @@ pub struct Options {
     /// Radius of every point and spot light in metres [default: what the document says, else 0]
     #[arg(long, value_name = "M", help_heading = "Scene")]
     pub light_radius: Option<f32>,
-    /// Equirectangular picture of what is far away, added to the sky: Radiance HDR or OpenEXR, middle column at +x, in cd/m²
+    /// Equirectangular picture of what is far away, added to the sky: Radiance HDR or OpenEXR, middle column at +x, in
+    /// cd/m²
     #[arg(long, value_name = "FILE", help_heading = "Scene")]
     pub environment: Option<PathBuf>,
     /// Factor of the environment's radiance [default: 1]

@@ -13,13 +13,12 @@ import bpy  # noqa: F401 (makes mathutils importable)
 import numpy
 from mathutils import Vector
 from mathutils.bvhtree import BVHTree
+from pictures import enlarged, interior
 
 # Distance of a ray's origin from its surface, as a part of the scene's diagonal (Blender computes in single precision).
 OFFSET = 1e-5
 # Cosine between the normals of two surfaces that lie on each other.
 FACE_TO_FACE = -0.99
-
-
 # A raster this many times coarser is looked at first; only where it does not agree with its neighbours, the full one is.
 COARSER = 4
 
@@ -32,7 +31,7 @@ def buried(mesh, uv_layer, triangle_page, double_sided, sizes):
     solids = Solids(mesh, uv_layer, triangle_page, double_sided)
     coarse_sizes = [tuple(-(-n // COARSER) for n in size) for size in sizes]
     known = solids.look(coarse_sizes, [numpy.ones(size[::-1], bool) for size in coarse_sizes])
-    coarse = [enlarged(settled(k), COARSER, size) for k, size in zip(known, sizes)]
+    coarse = [enlarged(settled(k), COARSER)[: size[1], : size[0]] for k, size in zip(known, sizes)]
     fine = solids.look(sizes, [c == UNKNOWN for c in coarse])
     return [numpy.where(c == UNKNOWN, f, c) == BURIED for c, f in zip(coarse, fine)]
 
@@ -43,15 +42,8 @@ UNKNOWN, OPEN, BURIED = 0, 1, 2
 
 def settled(known):
     """What all eight neighbours agree on; UNKNOWN elsewhere."""
-    padded = numpy.pad(known, 1)
-    height, width = known.shape
-    around = numpy.stack([padded[y : y + height, x : x + width] for y in range(3) for x in range(3)])
-    same = (around == OPEN).all(axis=0) * OPEN + (around == BURIED).all(axis=0) * BURIED
-    return same.astype(known.dtype)
-
-
-def enlarged(values, factor, size):
-    return numpy.repeat(numpy.repeat(values, factor, axis=0), factor, axis=1)[: size[1], : size[0]]
+    same = [state * interior(known == state) for state in (OPEN, BURIED)]
+    return numpy.add(*same).astype(known.dtype)
 
 
 class Solids:

@@ -36,15 +36,6 @@ LEAST_REFLECTANCE = 1e-3
 WRAP = {33071: "EXTEND", 33648: "MIRROR", 10497: "REPEAT"}
 
 
-def lightmap_pages(gltf):
-    """Pages of the first scene that names any: list of {uri, texture, width, height}."""
-    for scene in gltf.json.get("scenes", []):
-        pages = scene.get("extras", {}).get("lightmap", {}).get("pages")
-        if pages:
-            return pages
-    raise ValueError(f"{gltf.path}: no scene has extras.lightmap.pages; was it baked to a lightmap?")
-
-
 def odd_lights(gltf):
     """What Blender's importer does differently, as sentences."""
     found = []
@@ -465,7 +456,7 @@ def add_sky(zenith, horizon, ground):
 def build(gltf_path, sky, grid=1):
     """Loads everything into a fresh Blender scene; its images have `grid` times the pages' width and height."""
     gltf = GltfFile(gltf_path)
-    pages = lightmap_pages(gltf)
+    pages = gltf.lightmap_pages()
     bpy.ops.wm.read_factory_settings(use_empty=True)
     with tempfile.TemporaryDirectory() as folder:
         copy = prepared_copy(gltf, folder)

@@ -72,9 +72,9 @@ def run(what, command, hint="", **kwargs):
 
 
 @contextlib.contextmanager
-def locked():
-    LOCK.parent.mkdir(parents=True, exist_ok=True)
-    with open(LOCK, "w", encoding="utf-8") as handle:
+def locked(path=LOCK):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with open(path, "w", encoding="utf-8") as handle:
         fcntl.flock(handle, fcntl.LOCK_EX)
         yield
 

@@ -79,6 +79,14 @@ class GltfFile:
             raise GltfError(f"{self.path}: the file {uri} that it refers to does not exist")
         return path.read_bytes()
 
+    def lightmap_pages(self):
+        """Pages of the first scene that names any: list of {uri, texture, width, height}."""
+        for scene in self.json.get("scenes", []):
+            pages = scene.get("extras", {}).get("lightmap", {}).get("pages")
+            if pages:
+                return pages
+        raise GltfError(f"{self.path}: no scene has extras.lightmap.pages; was it baked to a lightmap?")
+
     def _buffer(self, i, buffer):
         data = self.resource(buffer["uri"]) if "uri" in buffer else self.binary
         if data is None or len(data) < index(buffer["byteLength"]):

@@ -17,8 +17,7 @@ POINTS = 8
 def coverage(path, sizes):
     """Shares for pages of the given (height, width), in the order of the manifest."""
     gltf = GltfFile(path)
-    pages = next(s["extras"]["lightmap"]["pages"] for s in gltf.json["scenes"] if "lightmap" in s.get("extras", {}))
-    page_of = {index(page["texture"]): k for k, page in enumerate(pages)}
+    page_of = {index(page["texture"]): k for k, page in enumerate(gltf.lightmap_pages())}
     hit = [numpy.zeros((h * POINTS, w * POINTS), bool) for h, w in sizes]
     for node in gltf.json["nodes"]:
         for primitive in gltf.json["meshes"][index(node["mesh"])]["primitives"] if "mesh" in node else ():

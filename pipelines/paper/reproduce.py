@@ -14,7 +14,8 @@ emitters, no final gather. What is measured:
 * Both in three ways: over whole patches, which is what the paper's scenes are made of; over all patches, weighted by
   area; over all patches alike. The borders of our charts cut patches into slivers, and the smaller a sliver, the noisier
   it is; the paper's splat moreover gives it as much light as a whole neighbour.
-* Times: seconds of the stage `walk` and of the whole process, median over seeds. Methods are run in turn, so that a slow minute of the machine hits all of them.
+* Times: seconds of the stage `walk` and of the whole process, median over seeds. Methods are run in turn, so that a slow minute
+  of the machine hits all of them.
 
 Limits: these are not the paper's scenes (lost), only scenes like the ones it describes. References have ≥ 60 M lines, so
 about lines/60 M of an MSE is the reference's own noise. EXR pages are half floats (relative rounding 5e-4).

@@ -115,7 +115,7 @@ def translate(path, sky):
     """Surfaces, merged by material and page, and lights."""
     gltf = GltfFile(path)
     document = gltf.json
-    pages = next(s["extras"]["lightmap"]["pages"] for s in document["scenes"] if "lightmap" in s.get("extras", {}))
+    pages = gltf.lightmap_pages()
     page_of = {index(page["texture"]): k for k, page in enumerate(pages)}
     parts, lights = {}, []
     for node, world in placed_nodes(document):

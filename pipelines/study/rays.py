@@ -15,7 +15,8 @@ Prerequisites: cargo, a C++ compiler (c++, or $CXX), Python 3 with venv.
 import argparse
 import os
 
-from study_venv import HERE, ROOT, VENV, WORK, fail, locked, python, run
+from study_venv import HERE, ROOT, VENV, WORK, python
+from environment import fail, locked, run  # noqa: E402,I001 (study_venv finds its folder)
 
 MODES = ("medium", "robust")
 
@@ -95,7 +96,7 @@ def main():
     parser.add_argument("--passes", default="5")
     parser.add_argument("--rounds", type=int, default=3)
     options = parser.parse_args()
-    with locked("lock"):
+    with locked(WORK / "lock"):
         embree = compile_embree()
         bench = ["cargo", "bench", "--quiet", "--locked", "--bench", "rays", "--"]
         if not report(measure(options, bench, embree)):

@@ -1,8 +1,8 @@
 //! Turns a chart so that its long straight edges follow texel rows, and lays it on its longer side.
 //!
-//! If most of the outline runs in one direction and at right angles to it (walls, floors, also with windows and niches),
-//! that direction becomes a row. Otherwise the chart gets the orientation of its smallest bounding rectangle, one side of
-//! which lies on an edge of the convex hull.
+//! If most of the outline runs in one direction and at right angles to it (walls, floors, also with windows and
+//! niches), that direction becomes a row. Otherwise the chart gets the orientation of its smallest bounding rectangle,
+//! one side of which lies on an edge of the convex hull.
 
 use super::flatten::Flat;
 use super::weld::Surface;

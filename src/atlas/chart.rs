@@ -2,15 +2,15 @@
 //!
 //! The wrapper trusts its caller with lengths, finiteness and call order; everything it trusts is made true here:
 //! * one mesh per atlas object, indexed, every index and length derived from one list of faces;
-//! * positions relative to the middle of the piece and divided by its median edge: xatlas has absolute tolerances (a mesh
-//!   scaled by 10⁻⁶ comes out without charts, coordinates of 10³⁰ never come back). Pieces that reach beyond
+//! * positions relative to the middle of the piece and divided by its median edge: xatlas has absolute tolerances (a
+//!   mesh scaled by 10⁻⁶ comes out without charts, coordinates of 10³⁰ never come back). Pieces that reach beyond
 //!   [`MAX_COORDINATE`] median edges do not enter it;
 //! * `add_mesh_join` right after `add_mesh`, also after an error, else dropping the object aborts with asserts on;
 //! * results are read only after a complete run with at least one chart (otherwise the wrapper makes slices of null);
 //! * `face_ignore_data` is never set (the wrapper passes one flag where xatlas reads one per face).
 //!
-//! Texture coordinates come out of its packer alone. It runs at so coarse a scale that every chart is about one texel and
-//! packing costs nothing; the separate scaling of x and y to whole texels is undone in `flatten`.
+//! Texture coordinates come out of its packer alone. It runs at so coarse a scale that every chart is about one texel
+//! and packing costs nothing; the separate scaling of x and y to whole texels is undone in `flatten`.
 //!
 //! Limits: built without threads, see `.cargo/config.toml`; a time limit is noticed between charts, not within one.
 

@@ -1,8 +1,9 @@
 //! Flattens connected faces: by projection along their mean normal, or by the map that xatlas found, if it is sound.
 //!
-//! Sound: no triangle turned over, no place covered twice, density within [`MAX_DENSITY_RATIO`] of the mean. What is not is
-//! cut into cones of similar normals, in the worst case into single triangles, so every face with an area gets a chart.
-//! Flat coordinates are metres with the area of the surface kept, counter-clockwise for faces seen from the front.
+//! Sound: no triangle turned over, no place covered twice, density within [`MAX_DENSITY_RATIO`] of the mean. What is
+//! not is cut into cones of similar normals, in the worst case into single triangles, so every face with an area gets a
+//! chart. Flat coordinates are metres with the area of the surface kept, counter-clockwise for faces seen from the
+//! front.
 
 use super::overlap;
 use super::weld::NONE;

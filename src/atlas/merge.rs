@@ -1,7 +1,7 @@
 //! Joins neighbouring charts that flatten well together: heals the cuts between chunks, and leaves fewer seams.
 //!
-//! In rounds: every chart takes part in at most one merge per round, best pairs first, so a smooth surface of n faces in c
-//! chunks costs O(n log c). A pair is good where its common border is a large share of the smaller one's outline.
+//! In rounds: every chart takes part in at most one merge per round, best pairs first, so a smooth surface of n faces
+//! in c chunks costs O(n log c). A pair is good where its common border is a large share of the smaller one's outline.
 
 use super::flatten;
 use super::flatten::Flat;

@@ -3,9 +3,9 @@
 //! Lightmap coordinates are kept in texels: x right, y down, texel (0, 0) covers [0, 1)². UV = texels / page size.
 //!
 //! Steps: weld the triangles of each part by position (`weld`), take planar pieces and smooth components (`region`),
-//! flatten them by projection or by xatlas (`flatten`, `chart`), turn each chart to the texel rows (`align`), or keep the
-//! part's own `TEXCOORD_1` (`keep`); scale to the density and rasterise (`shape`), pack (`pack`, `arrange`), and give every
-//! triangle corner its output vertex (`assemble`).
+//! flatten them by projection or by xatlas (`flatten`, `chart`), turn each chart to the texel rows (`align`), or keep
+//! the part's own `TEXCOORD_1` (`keep`); scale to the density and rasterise (`shape`), pack (`pack`, `arrange`), and
+//! give every triangle corner its output vertex (`assemble`).
 //!
 //! Invariants:
 //! * every triangle with an area in a part that receives light has a chart;

@@ -1,8 +1,8 @@
 //! Does a flat layout cover some place twice? Decided by samples, without rounding errors.
 //!
-//! Corners are rounded to a grid of 1/256 of the sample distance; a triangle covers the samples of row y between its two
-//! edges that cross y, with half-open rules, so triangles that share an edge never share a sample. Limit: overlaps thinner
-//! than the sample distance can be missed.
+//! Corners are rounded to a grid of 1/256 of the sample distance; a triangle covers the samples of row y between its
+//! two edges that cross y, with half-open rules, so triangles that share an edge never share a sample. Limit: overlaps
+//! thinner than the sample distance can be missed.
 
 use glam::DVec2;
 

@@ -1,12 +1,13 @@
 //! Packs footprints into pages: each at the lowest free place of the first page that has one, largest first.
 //!
-//! A page is a bit map of texels that are taken: footprints widened by the padding on all sides. A footprint fits where it
-//! meets no taken texel, so it may lie in holes of others, and every gap counts the padding once. All places in a row of
-//! the page are tried at once: for a run of n texels the row is OR-ed with itself shifted by 1 … n − 1 (in log₂ n steps).
+//! A page is a bit map of texels that are taken: footprints widened by the padding on all sides. A footprint fits where
+//! it meets no taken texel, so it may lie in holes of others, and every gap counts the padding once. All places in a
+//! row of the page are tried at once: for a run of n texels the row is OR-ed with itself shifted by 1 … n − 1 (in log₂
+//! n steps).
 //!
-//! Three things keep it fast: rows without a long enough gap are skipped; the first footprint row that excludes the last
-//! place ends a trial; and footprints of the size of an earlier one start where that one was put, since pages only fill up
-//! (for footprints that are no rectangles this can miss a hole, never cause an overlap).
+//! Three things keep it fast: rows without a long enough gap are skipped; the first footprint row that excludes the
+//! last place ends a trial; and footprints of the size of an earlier one start where that one was put, since pages only
+//! fill up (for footprints that are no rectangles this can miss a hole, never cause an overlap).
 
 use super::Error;
 use super::guard::Guard;
@@ -168,7 +169,8 @@ impl Page {
     }
 }
 
-/// Clears the places whose texels [place + from, place + to) meet a taken one; narrows `bounds` to words with places left.
+/// Clears the places whose texels [place + from, place + to) meet a taken one; narrows `bounds` to words with places
+/// left.
 fn exclude(
     row: &[u64],
     (from, to): (u32, u32),

@@ -1,10 +1,10 @@
 //! Cuts a welded part into pieces that can be flattened: planar regions, smooth components, chunks for xatlas.
 //!
 //! Planar regions whose border is hard everywhere (walls, floors, the sides of a box) become charts at once, by
-//! projection, without distortion. What is left falls into components of faces joined by soft edges. A component that one
-//! projection flattens well (terrain, gentle curves) is one chart. Any other is cut into chunks of at most
-//! [`CHUNK_FACES`] faces for xatlas, whose time grows with the square of the piece (51,200 faces of smooth terrain in one
-//! piece: 219 s), and neighbouring charts are merged again afterwards.
+//! projection, without distortion. What is left falls into components of faces joined by soft edges. A component that
+//! one projection flattens well (terrain, gentle curves) is one chart. Any other is cut into chunks of at most
+//! [`CHUNK_FACES`] faces for xatlas, whose time grows with the square of the piece (51,200 faces of smooth terrain in
+//! one piece: 219 s), and neighbouring charts are merged again afterwards.
 
 use super::Error;
 use super::chart;

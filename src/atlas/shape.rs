@@ -1,10 +1,11 @@
 //! A piece at its density: corners on a fixed-point texel grid, and the texels that it touches.
 //!
-//! A texel is touched if it shares more than a border with a triangle (the triangle's inside, or the segment it collapses
-//! to). The spans are exact: integer coordinates, crossings of texel rows rounded outwards by less than one grid step.
+//! A texel is touched if it shares more than a border with a triangle (the triangle's inside, or the segment it
+//! collapses to). The spans are exact: integer coordinates, crossings of texel rows rounded outwards by less than one
+//! grid step.
 //!
-//! Sides within [`SNAP`] of a whole number of texels are stretched to it, so that a wall of 3 m at 10 texels/m covers 30
-//! texels and not 31; other pieces are centred on the texels they need.
+//! Sides within [`SNAP`] of a whole number of texels are stretched to it, so that a wall of 3 m at 10 texels/m covers
+//! 30 texels and not 31; other pieces are centred on the texels they need.
 
 use super::align::Piece;
 use glam::DVec2;

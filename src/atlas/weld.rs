@@ -1,12 +1,12 @@
 //! The triangles of a part as one surface: vertices welded by position, areas, normals, neighbours.
 //!
-//! Source vertices are split where normals or texture coordinates differ; charts must be able to grow over such splits, so
-//! only the position counts here. Edges where shading breaks are `hard`: no chart grows over them, because a texel that
-//! lies on both sides would mix two planes that are lit differently.
+//! Source vertices are split where normals or texture coordinates differ; charts must be able to grow over such splits,
+//! so only the position counts here. Edges where shading breaks are `hard`: no chart grows over them, because a texel
+//! that lies on both sides would mix two planes that are lit differently.
 //!
 //! Copies of a triangle (same three positions) go to separate layers, so that each copy is charted and no edge becomes
-//! non-manifold because of a copy. Of the other edges with more than two triangles (a wall standing on a floor) the pair
-//! that continues straightest is joined.
+//! non-manifold because of a copy. Of the other edges with more than two triangles (a wall standing on a floor) the
+//! pair that continues straightest is joined.
 
 use super::part_triangles;
 use crate::scene::Part;
@@ -164,7 +164,8 @@ impl Surface {
         }
     }
 
-    /// Joins pairs of a non-manifold edge, straightest first. Fans of more than 16 faces stay open: the search is quadratic.
+    /// Joins pairs of a non-manifold edge, straightest first. Fans of more than 16 faces stay open: the search is
+    /// quadratic.
     fn join_straightest(&mut self, fan: &[HalfEdge]) {
         if fan.len() > 16 {
             return;

@@ -1,7 +1,7 @@
 //! Light groups: the emitters of a scene, sorted by the name that the document gives them.
 //!
-//! In: the scene. Out: one set of emitters per group, in the order of their names; without groups, all in one. Lights and
-//! materials without a name are in `default`, sky and environment in `sky`.
+//! In: the scene. Out: one set of emitters per group, in the order of their names; without groups, all in one. Lights
+//! and materials without a name are in `default`, sky and environment in `sky`.
 
 use crate::light::{Emitters, Source};
 use crate::scene::Scene;
@@ -40,8 +40,8 @@ fn name_of(scene: &Scene, source: Source) -> &str {
 /// Groups that something shines in; never empty.
 fn names(scene: &Scene) -> BTreeSet<&str> {
     let lights = (0..scene.lights.len()).map(Source::Light);
-    let glows = |m: &usize| !scene.materials[*m].unlit && scene.materials[*m].emission.max_element() > 0.0;
-    let materials = scene.parts.iter().map(|p| p.material).filter(glows).map(Source::Material);
+    let glowing = scene.parts.iter().map(|p| p.material).filter(|&m| scene.materials[m].glows());
+    let materials = glowing.map(Source::Material);
     let infinite = !scene.sky.is_black() || scene.environment.is_some();
     let sources = lights.chain(materials).chain(infinite.then_some(Source::Infinity));
     let mut names: BTreeSet<&str> = sources.map(|source| name_of(scene, source)).collect();

@@ -3,31 +3,30 @@
 //! In: a [`Solution`]. Out: per page, layers for an EXR file. A new layer is a case of [`Aov`] and one of [`layer`].
 //!
 //! * `direct` and `indirect` add up to the lightmap, but for its rounding to half floats.
-//! * `stderr` is the standard error of a texel: the root mean square over the channels. The difference of two halves is one
-//!   draw of it and says little about a single texel, so squares are averaged over neighbours on the
-//!   surface and in space.
+//! * `stderr` is the standard error of a texel: the root mean square over the channels. The difference of two halves is
+//!   one draw of it and says little about a single texel, so squares are averaged over neighbours on the surface and in
+//!   space.
 
 use super::Solution;
-use super::solve::Setup;
+use super::solve::{Setup, mean};
 use crate::base::{Rgb, parallel};
-use crate::finish::{self, Page};
+use crate::finish::Page;
 use crate::output::exr::AovLayer;
 use crate::settings::Aov;
 
-/// Times the estimate: it looks at the noise that it judges, which makes it low. With it, differences from references of 2,048
-/// rays, over the standard error, have deviations of 1.14 (office), 0.86 (courtyard) and 1.11 (two rooms) by `production`.
+/// Times the estimate: it looks at the noise that it judges, which makes it low. With it, differences from references
+/// of 2,048 rays, over the standard error, have deviations of 1.14 (office), 0.86 (courtyard) and 1.11 (two rooms) by
+/// `production`.
 const WIDER: f32 = 1.1;
 
 /// The layers of every page.
 pub(super) fn layers(setup: &Setup<'_>, pages: u32, solution: &Solution, factor: f32) -> Vec<Vec<AovLayer>> {
-    let settings = setup.settings;
     let mut out = vec![vec![]; pages as usize];
-    for &aov in &settings.aov {
+    for &aov in &setup.settings.aov {
         let (name, channels, values) = layer(aov, setup, solution);
-        let mut map = finish::assemble(setup.patches, pages, &values, factor);
-        for (page, layers) in map.pages.iter_mut().zip(&mut out) {
-            finish::dilate(page, settings.padding.max(1));
-            layers.push(on_page(name, channels, page));
+        let map = super::on_pages(setup, pages, &values, factor);
+        for (page, layers) in map.pages.iter().zip(&mut out) {
+            layers.push(layer_of(name, channels, page));
         }
     }
     out
@@ -37,7 +36,6 @@ pub(super) fn layers(setup: &Setup<'_>, pages: u32, solution: &Solution, factor:
 fn layer(aov: Aov, setup: &Setup<'_>, solution: &Solution) -> (&'static str, &'static [&'static str], Vec<Rgb>) {
     const COLOR: &[&str] = &["R", "G", "B"];
     const NUMBER: &[&str] = &["Y"];
-    let mean = |[a, b]: &[Vec<Rgb>; 2]| parallel::map(a.len(), |i| (a[i] + b[i]) * 0.5);
     match aov {
         Aov::Stderr => ("stderr", NUMBER, standard_error(setup, solution)),
         Aov::Direct => ("direct", COLOR, mean(&solution.halves.direct)),
@@ -52,7 +50,7 @@ fn standard_error(setup: &Setup<'_>, solution: &Solution) -> Vec<Rgb> {
     parallel::map(setup.patches.front, |i| Rgb::splat(one(i)))
 }
 
-fn on_page(name: &str, channels: &[&str], page: &Page) -> AovLayer {
+fn layer_of(name: &str, channels: &[&str], page: &Page) -> AovLayer {
     let values = |c: usize| page.pixels.iter().map(|p| p[c]).collect();
     let channels = channels.iter().enumerate().map(|(c, suffix)| ((*suffix).to_owned(), values(c))).collect();
     AovLayer { name: name.to_owned(), channels, float: true }

@@ -3,11 +3,11 @@
 //! In: what is asked for, and budget, error and seconds of the passes so far. Out: the budget of the next pass, as a
 //! multiple of the settings' own, or why there is none. Numbers only, so that it can be tested without a scene.
 //!
-//! Noise falls with the square root of the budget, and with it the distance over which light is shared. So a first pass by a
-//! part of the budget tells how much is needed. Every pass adds to the ones before; none is wasted.
+//! Noise falls with the square root of the budget, and with it the distance over which light is shared. So a first pass
+//! by a part of the budget tells how much is needed. Every pass adds to the ones before; none is wasted.
 //!
-//! Invariants: without a goal there is one pass of 1; without a time limit no step depends on the clock; every pass adds at
-//! least [`LEAST_STEP`] of what there is and all together at most [`MOST_BUDGET`], so there is an end.
+//! Invariants: without a goal there is one pass of 1; without a time limit no step depends on the clock; every pass
+//! adds at least [`LEAST_STEP`] of what there is and all together at most [`MOST_BUDGET`], so there is an end.
 
 /// Part of the settings' budget that the first pass takes, if that leaves it [`LEAST_RAYS`].
 const FIRST: f64 = 0.25;
@@ -15,8 +15,8 @@ const FIRST: f64 = 0.25;
 const LEAST_RAYS: f64 = 16.0;
 /// Of that, what the first pass takes when time is short.
 const FIRST_IN_HASTE: f64 = 0.125;
-/// Part of the target that is aimed at. The estimate is sometimes low and a pass too small costs another one; 0.9 costs a
-/// tenth more rays.
+/// Part of the target that is aimed at. The estimate is sometimes low and a pass too small costs another one; 0.9 costs
+/// a tenth more rays.
 const AIM: f64 = 0.95;
 /// A pass is at most this multiple of what there is: the estimate gets better on the way.
 const MOST_STEP: f64 = 16.0;
@@ -24,12 +24,13 @@ const MOST_STEP: f64 = 16.0;
 const LEAST_STEP: f64 = 0.1;
 /// The same for what time is left over: it is worth less effort than it takes below this.
 const LEAST_REST: f64 = 0.02;
-/// Part of the time left that a pass may be expected to take: it is lost if it takes more than all, as on a machine that has
-/// other things to do as well.
+/// Part of the time left that a pass may be expected to take: it is lost if it takes more than all, as on a machine
+/// that has other things to do as well.
 const CAREFUL: f64 = 0.6;
 /// Part of a first pass's seconds that grows with its budget; the rest is the same for any budget.
 const GROWING: f64 = 0.7;
-/// Most budget of all passes, as a multiple of the settings': a sixteenth of the error. Half floats hold no less by much.
+/// Most budget of all passes, as a multiple of the settings': a sixteenth of the error. Half floats hold no less by
+/// much.
 const MOST_BUDGET: f64 = 256.0;
 
 /// What is asked for.

@@ -26,20 +26,17 @@ pub(super) fn of(walks: &[Walk; 2], gathered: Option<[f64; 3]>) -> report::Walk 
 
 /// Powers of different sources together.
 pub(super) fn sum(a: &report::Walk, b: &report::Walk) -> report::Walk {
-    let add = |a: [f64; 3], b: [f64; 3]| [0, 1, 2].map(|c| a[c] + b[c]);
-    report::Walk {
-        lines: a.lines + b.lines,
-        bounces: a.bounces.max(b.bounces),
-        power_in: add(a.power_in, b.power_in),
-        power_absorbed: add(a.power_absorbed, b.power_absorbed),
-        power_escaped: add(a.power_escaped, b.power_escaped),
-        power_residual: add(a.power_residual, b.power_residual),
-    }
+    combine(a, b, |a, b| a + b)
 }
 
 /// Two estimates of the same powers, `b` with a weight in [0, 1].
 pub(super) fn mean(a: &report::Walk, b: &report::Walk, weight: f64) -> report::Walk {
-    let mix = |a: [f64; 3], b: [f64; 3]| [0, 1, 2].map(|c| a[c] + (b[c] - a[c]) * weight);
+    combine(a, b, |a, b| a + (b - a) * weight)
+}
+
+/// One ledger of two, power by power.
+fn combine(a: &report::Walk, b: &report::Walk, power: impl Fn(f64, f64) -> f64) -> report::Walk {
+    let mix = |a: [f64; 3], b: [f64; 3]| [0, 1, 2].map(|c| power(a[c], b[c]));
     report::Walk {
         lines: a.lines + b.lines,
         bounces: a.bounces.max(b.bounces),

@@ -1,8 +1,8 @@
 //! Passes of the solver until what is asked for is reached: one pass where nothing is.
 //!
-//! In: [`Setup`] and the settings. Out: a [`Solution`], shared between neighbours, with its error and the course that led
-//! to it. [`solve`](super::solve) makes the passes, [`plan`](super::plan) says how large they are. Light is shared anew after
-//! every pass, because less noise wants less sharing.
+//! In: [`Setup`] and the settings. Out: a [`Solution`], shared between neighbours, with its error and the course that
+//! led to it. [`solve`](super::solve) makes the passes, [`plan`](super::plan) says how large they are. Light is shared
+//! anew after every pass, because less noise wants less sharing.
 //!
 //! With a time limit, outputs are encoded once on trial to know how long that takes; a pass that is not done in time is
 //! thrown away.

@@ -1,12 +1,13 @@
 //! The solver: direct light, walk and gather, in passes that add to each other.
 //!
-//! In: [`Setup`] and a [`Budget`] per pass. Out: irradiance of the front patches as two halves that share no random number,
-//! not yet shared with neighbours. The first half of the gather reads the first half of the walks, the second the second;
-//! their difference estimates the error of the indirect light, and the result is their mean.
+//! In: [`Setup`] and a [`Budget`] per pass. Out: irradiance of the front patches as two halves that share no random
+//! number, not yet shared with neighbours. The first half of the gather reads the first half of the walks, the second
+//! the second; their difference estimates the error of the indirect light, and the result is their mean.
 //!
 //! Every pass has shadow rays and lines of its own, which are averaged with those before, weighted by their number. The
-//! gather goes on with its low-discrepancy points, reads the averages, and deals rays by the error of all it has. Passes with
-//! gathers of their own had an eighth more error for the same rays (two rooms, 0.25 and 0.4 of `production`).
+//! gather goes on with its low-discrepancy points, reads the averages, and deals rays by the error of all it has.
+//! Passes with gathers of their own had an eighth more error for the same rays (two rooms, 0.25 and 0.4 of
+//! `production`).
 
 use super::clock::{Clock, Stop};
 use super::power;
@@ -110,7 +111,8 @@ impl Budget {
         by_direct.min(by_lines).max(1.0)
     }
 
-    /// Largest sum of factors: the gather has points for so many rays of a texel, some of which get eight times the mean.
+    /// Largest sum of factors: the gather has points for so many rays of a texel, some of which get eight times the
+    /// mean.
     pub(super) fn most_of_all(settings: &Settings) -> f64 {
         const MOST_GATHER: f64 = 16_384.0;
         (MOST_GATHER / f64::from(settings.gather.max(1))).max(1.0)
@@ -149,7 +151,7 @@ impl<'a> Solver<'a> {
                 self.add_direct(light::direct(tracer, patches, emitters, &samples, progress), budget);
             })?;
         }
-        let direct = parallel::map(patches.len(), |i| (self.direct[0][i] + self.direct[1][i]) * 0.5);
+        let direct = mean(&self.direct);
         let source = |i: usize| direct[i] * patches.exposed_area(i);
         let found = clock.timed("walk", |progress| {
             [0, 1].map(|half| {
@@ -249,6 +251,11 @@ impl<'a> Solver<'a> {
             },
         }
     }
+}
+
+/// Mean of two halves.
+pub(super) fn mean([a, b]: &[Vec<Rgb>; 2]) -> Vec<Rgb> {
+    parallel::map(a.len(), |i| (a[i] + b[i]) * 0.5)
 }
 
 /// Adds to what was spent; the share that the addition has in all of it.

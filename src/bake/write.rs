@@ -46,10 +46,7 @@ impl Facts<'_> {
         let (mut files, more) = clock.timed("encode", |_| self.encode(&results))??;
         warnings.extend(more);
         let outputs: Vec<PathBuf> = files.iter().map(|(path, _)| path.clone()).collect();
-        let report = report::Report {
-            light_groups: self.group_files(&results),
-            ..self.report(solution, clock, &outputs, &inputs, warnings)
-        };
+        let report = self.report(solution, &results, clock, [&outputs, &inputs], warnings);
         if let Some(path) = &request.report {
             files.push((path.clone(), report.to_json(path)?));
         }
@@ -116,9 +113,9 @@ impl Facts<'_> {
     fn report(
         &self,
         solution: &Solution,
+        results: &Results,
         clock: &Clock<'_>,
-        outputs: &[PathBuf],
-        inputs: &[PathBuf],
+        [outputs, inputs]: [&[PathBuf]; 2],
         warnings: Vec<Warning>,
     ) -> report::Report {
         let Facts { request, scene, atlas, patches } = self;
@@ -155,7 +152,7 @@ impl Facts<'_> {
             },
             error: report::EstimatedError { estimated_nrmse: solution.estimated_nrmse(patches) },
             refinement: solution.refinement.clone(),
-            light_groups: vec![],
+            light_groups: self.group_files(results),
             rays,
             rays_per_second: rays as f64 / tracing_seconds.fold(0.0, |a, b| a + b).max(1e-9),
             stages: clock.stages.clone(),

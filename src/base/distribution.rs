@@ -1,7 +1,7 @@
 //! Choice in proportion to tabulated weights: of an index, and of a cell of a grid.
 //!
-//! In: weights ≥ 0. Out: an index (or a cell and a place in it) and its probability. The probability that is returned is
-//! that of the table as it was rounded, so an estimate that divides by it has no bias.
+//! In: weights ≥ 0. Out: an index (or a cell and a place in it) and its probability. The probability that is returned
+//! is that of the table as it was rounded, so an estimate that divides by it has no bias.
 //!
 //! Source: Pharr, Jakob, Humphreys, *Physically Based Rendering*, 4th edition, appendix A.5.6 (piecewise-constant 2D).
 //!

@@ -1,7 +1,7 @@
 //! Parallel loops whose results do not depend on the number of threads.
 //!
-//! Work is cut into chunks of a fixed size; chunk results come back in order. A sum of floats is taken chunk by chunk in
-//! order, so it has the same bits for any pool (rayon's own `sum` does not).
+//! Work is cut into chunks of a fixed size; chunk results come back in order. A sum of floats is taken chunk by chunk
+//! in order, so it has the same bits for any pool (rayon's own `sum` does not).
 
 use super::Progress;
 use rayon::prelude::*;

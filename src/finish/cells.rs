@@ -1,5 +1,5 @@
-//! Cells of space, to average over what the texel graph keeps apart: furniture has charts of a few texels, too few to tell
-//! noise from structure, but their neighbours in space see much the same light.
+//! Cells of space, to average over what the texel graph keeps apart: furniture has charts of a few texels, too few to
+//! tell noise from structure, but their neighbours in space see much the same light.
 
 use crate::base::parallel;
 use crate::patches::Patches;

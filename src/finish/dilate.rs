@@ -4,8 +4,9 @@
 //! coverage stays 0 there, and texels farther away are set to zero.
 //!
 //! Ring k holds the empty texels that touch (one of eight neighbours) a texel that was covered or filled before ring k;
-//! each becomes the mean of those neighbours. So a value depends on nothing but the page, and a constant stays constant.
-//! Known limit: between two charts that are nearer than 2 · `radius` the rings meet in the middle and mix there.
+//! each becomes the mean of those neighbours. So a value depends on nothing but the page, and a constant stays
+//! constant. Known limit: between two charts that are nearer than 2 · `radius` the rings meet in the middle and mix
+//! there.
 
 use super::Page;
 

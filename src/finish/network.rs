@@ -5,8 +5,8 @@
 //! distance alone (the paper's eq. (4)) is not reversible: on a chain of five patches with areas 1 1 1 1 0.1 it turns
 //! constant 1 into up to 3.
 //!
-//! Light flows between the four neighbours of the texel grid. A step moves it by one texel with probability [`STEP`] per
-//! link, a variance of 2·STEP texels² per axis.
+//! Light flows between the four neighbours of the texel grid. A step moves it by one texel with probability [`STEP`]
+//! per link, a variance of 2·STEP texels² per axis.
 //!
 //! Symbols: A exposed area [m²]   E irradiance [lx]   Φ = A E   c factor of a link in [0, 1]
 //!

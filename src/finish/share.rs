@@ -1,27 +1,28 @@
 //! Sharing: noisy light flows between linked texels, as far as two half-budgets show that it helps.
 //!
-//! In: irradiance as two halves that share no random number, and links. Out: both halves, smoother by the same linear map,
-//! and the squared error that is left in their mean; flux is conserved and constant irradiance stays constant.
+//! In: irradiance as two halves that share no random number, and links. Out: both halves, smoother by the same linear
+//! map, and the squared error that is left in their mean; flux is conserved and constant irradiance stays constant.
 //!
-//! The fuzzy random walk's splat, made to converge: a bandwidth per texel that vanishes with the noise, and flow through
-//! reversible conductances (`network`). Design: Castro, Feixas, Sbert, "Fuzzy Random Walk", §5, leave both open.
+//! The fuzzy random walk's splat, made to converge: a bandwidth per texel that vanishes with the noise, and flow
+//! through reversible conductances (`network`). Design: Castro, Feixas, Sbert, "Fuzzy Random Walk", §5, leave both
+//! open.
 //!
-//! How far light flows is chosen per texel among [`LEVELS`]. With A and B the halves (one truth, independent noise) and F
-//! a level's flow, `(F A − B)²` is on average bias² + var(F A) + var(B), and `(F A − F B)²` is 2 var(F A). So
+//! How far light flows is chosen per texel among [`LEVELS`]. With A and B the halves (one truth, independent noise) and
+//! F a level's flow, `(F A − B)²` is on average bias² + var(F A) + var(B), and `(F A − F B)²` is 2 var(F A). So
 //!
 //! `q = ½((F A − B)² + (F B − A)²) − ¼(F A − F B)² = bias² + ½ var(F A) + var(B)`
 //!
-//! is the squared error of the mean of the halves up to a constant that all levels have in common, without a model of the
-//! light. Where light jumps (a contact shadow), the bias shows and light does not flow; as the noise falls, every bias
-//! shows, so the result converges to the truth. q of one texel is noise itself: it flows [`JUDGE_STEPS`] steps first, and is
-//! averaged over a cell of space (`cells`).
-//! What is stated is `¼(F A − F B)²`, the noise, and `q − ½(A − B)²` less that noise, the squared bias.
+//! is the squared error of the mean of the halves up to a constant that all levels have in common, without a model of
+//! the light. Where light jumps (a contact shadow), the bias shows and light does not flow; as the noise falls, every
+//! bias shows, so the result converges to the truth. q of one texel is noise itself: it flows [`JUDGE_STEPS`] steps
+//! first, and is averaged over a cell of space (`cells`). What is stated is `¼(F A − F B)²`, the noise, and `q − ½(A −
+//! B)²` less that noise, the squared bias.
 //!
 //! Cross-validation of two buffers: Rousselle, Manzi, Zwicker, "Robust Denoising using Feature and Color Information",
 //! Computer Graphics Forum 32(7), 2013, §4 (there for a pixel filter that conserves nothing).
 //!
-//! Limits: sharing stops at chart borders. The choice looks at the noise that it judges, so the stated error is a little
-//! low where one half has few samples.
+//! Limits: sharing stops at chart borders. The choice looks at the noise that it judges, so the stated error is a
+//! little low where one half has few samples.
 
 use super::cells::Cells;
 use super::network::Network;
@@ -31,12 +32,12 @@ use core::ops::{Add, Mul, Sub};
 
 /// Steps of flow that are compared; n steps spread light by √(0.4 n) texels: 0.6, 1.1, 1.8, 2.8, 4.5, 6.9.
 const LEVELS: [usize; 7] = [0, 1, 3, 8, 20, 50, 120];
-/// Steps that q flows before levels are compared: a window of 3.5 texels. On courtyard and office (10,000 texels), 4 steps
-/// had up to 4 % more error with 16 rays per texel; on courtyard 300 had 7 % more with 64.
+/// Steps that q flows before levels are compared: a window of 3.5 texels. On courtyard and office (10,000 texels), 4
+/// steps had up to 4 % more error with 16 rays per texel; on courtyard 300 had 7 % more with 64.
 const JUDGE_STEPS: usize = 30;
-/// Weight of the cell's mean of q against the flow's. Without cells, charts of few texels choose by their noise: with 16 rays
-/// per texel the error is within 4 % of what it is with them, but the stated one was 0.60 of it in courtyard and 0.68 in
-/// office; at this weight 0.87 and 0.88.
+/// Weight of the cell's mean of q against the flow's. Without cells, charts of few texels choose by their noise: with
+/// 16 rays per texel the error is within 4 % of what it is with them, but the stated one was 0.60 of it in courtyard
+/// and 0.68 in office; at this weight 0.87 and 0.88.
 const CELL_WEIGHT: f32 = 0.9;
 /// Steps that the chosen bandwidth flows, so that it does not jump.
 const SETTLE_STEPS: usize = 2;
@@ -81,14 +82,13 @@ impl Errors {
 
     /// Squared error to be expected of each patch: half of it from around the patch, half from its cell of space.
     ///
-    /// Either alone knows too little. From around it alone, charts of few texels seemed to have 0.35 of the error
-    /// that they had (office, 128 rays per texel, the quarter of the texels with the lowest); from the cell alone, edges of shadows get lost.
+    /// Either alone knows too little. From around it alone, charts of few texels seemed to have 0.35 of the error that
+    /// they had (office, 128 rays per texel, the quarter of the texels with the lowest); from the cell alone, edges of
+    /// shadows get lost.
     #[must_use]
     pub fn expected(&self, patches: &Patches, graph: &PatchGraph) -> Vec<f32> {
         let cells = Cells::new(patches, self.noise.len());
-        let both: Vec<f32> = self.noise.iter().zip(&self.bias).map(|(n, b)| n + b).collect();
-        let (both, noise) = (cells.mean(&both), cells.mean(&self.noise));
-        let in_cell = both.into_iter().zip(noise).map(|(e, n)| e.max(n));
+        let in_cell = self.averaged(|values| cells.mean(&values));
         self.around(patches, graph).into_iter().zip(in_cell).map(|(around, cell)| 0.5 * (around + cell)).collect()
     }
 
@@ -96,8 +96,13 @@ impl Errors {
     #[must_use]
     pub fn around(&self, patches: &Patches, graph: &PatchGraph) -> Vec<f32> {
         let network = Network::new(patches, graph, self.noise.len());
+        self.averaged(|values| network.flow(values, JUDGE_STEPS))
+    }
+
+    /// Noise and bias after averaging, never below the noise.
+    fn averaged(&self, average: impl Fn(Vec<f32>) -> Vec<f32>) -> Vec<f32> {
         let both = self.noise.iter().zip(&self.bias).map(|(n, b)| n + b).collect();
-        let (both, noise) = (network.flow(both, JUDGE_STEPS), network.flow(self.noise.clone(), JUDGE_STEPS));
+        let (both, noise) = (average(both), average(self.noise.clone()));
         both.into_iter().zip(noise).map(|(e, n)| e.max(n)).collect()
     }
 }

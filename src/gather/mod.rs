@@ -6,14 +6,14 @@
 //! Each ray reads `B = ρ(E_direct + E_indirect)/π` where it lands; what leaves the scene or lands on an emitter's own
 //! light counts as direct and is not read. Starting points are spread over the exposed part of the texel.
 //!
-//! Directions and starting points are one Owen-scrambled low-discrepancy sequence per tile of [`TILE`] texels, dealt out
-//! along its Z-order curve: the rays of a texel are well spread, and those of a block of texels together as well, so that
-//! neighbours err in opposite directions and sharing cancels it. Source: Ahmed and Wonka, "Screen-space blue-noise
-//! diffusion of Monte Carlo sampling error via hierarchical ordering of pixels", ACM TOG 39(6), 2020.
+//! Directions and starting points are one Owen-scrambled low-discrepancy sequence per tile of [`TILE`] texels, dealt
+//! out along its Z-order curve: the rays of a texel are well spread, and those of a block of texels together as well,
+//! so that neighbours err in opposite directions and sharing cancels it. Source: Ahmed and Wonka, "Screen-space
+//! blue-noise diffusion of Monte Carlo sampling error via hierarchical ordering of pixels", ACM TOG 39(6), 2020.
 //!
-//! Effort goes where it is needed: a first round is the same everywhere, a second in proportion to the error that is left
-//! after sharing, which is where a sum of squares falls fastest. Rounds are chosen by smoothed error, so the choice hardly
-//! depends on the very samples that it adds to.
+//! Effort goes where it is needed: a first round is the same everywhere, a second in proportion to the error that is
+//! left after sharing, which is where a sum of squares falls fastest. Rounds are chosen by smoothed error, so the
+//! choice hardly depends on the very samples that it adds to.
 //!
 //! Source: Reichert, "A Two-Pass Radiosity Method Driven by Lights and Viewer Position" (thesis, Cornell, 1992), for
 //! the final gather over a radiosity solution.

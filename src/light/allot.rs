@@ -3,20 +3,21 @@
 //! In: estimates of every kind after a round. Out: for each kind, the patches that need more samples, and how many.
 //!
 //! The difference of two halves is one draw of an error, too little to judge by: half of the noisy texels would look
-//! clean. So variances per sample are averaged over the 3 × 3 texels that have samples of the kind. With v that variance
-//! and n its samples, one more sample takes v/n² off a texel's squared error. It gets more as long as v/n² · n₀ is above
-//! ENOUGH² · visible · mean, n₀ the samples asked for and `visible` the light there, all kinds together, plus [`DARK`] of the
-//! scene's mean: half-way between an absolute error, which spends the rays on the brightest texels, and a relative one,
-//! which spends them in the dark.
+//! clean. So variances per sample are averaged over the 3 × 3 texels that have samples of the kind. With v that
+//! variance and n its samples, one more sample takes v/n² off a texel's squared error. It gets more as long as v/n² ·
+//! n₀ is above ENOUGH² · visible · mean, n₀ the samples asked for and `visible` the light there, all kinds together,
+//! plus [`DARK`] of the scene's mean: half-way between an absolute error, which spends the rays on the brightest
+//! texels, and a relative one, which spends them in the dark.
 //!
 //! What lost, as NRMSE in a bake with the default preset, 10,000 texels, seconds of direct light on 2 cores:
-//! * as kept, ENOUGH from 0.01 to 0.005: office 2.4 to 2.3 %, 0.8 to 1.4 s; courtyard 1.5 to 1.2 %, 0.2 to 0.3 s; room 13 %,
-//!   3.7 to 6 s (nearly all of it in four texels inside a lampshade, 200 times as bright as the mean);
-//! * samples until v/n itself is small, at most 16 times those asked for: office 2.4 %, 1.0 s; courtyard 1.2 %, 0.3 s; room
-//!   35 %, 4.7 s; with up to 64 times room 13 % too, but 8.5 s;
+//! * as kept, ENOUGH from 0.01 to 0.005: office 2.4 to 2.3 %, 0.8 to 1.4 s; courtyard 1.5 to 1.2 %, 0.2 to 0.3 s; room
+//!   13 %, 3.7 to 6 s (nearly all of it in four texels inside a lampshade, 200 times as bright as the mean);
+//! * samples until v/n itself is small, at most 16 times those asked for: office 2.4 %, 1.0 s; courtyard 1.2 %, 0.3 s;
+//!   room 35 %, 4.7 s; with up to 64 times room 13 % too, but 8.5 s;
 //! * four times the ENOUGH: courtyard 2.2 %, office 2.8 %, in 0.1 and 0.3 s less.
 //!
-//! And earlier, as rays a texel: NRMSE / root mean square relative error, office at 32 samples (`tests/bench/direct.rs`):
+//! And earlier, as rays a texel: NRMSE / root mean square relative error, office at 32 samples
+//! (`tests/bench/direct.rs`):
 //! * a threshold as above: 118: 2.7 % / 2.9 %; cornell 66: 1.4 % / 1.9 %;
 //! * no rounds, the same for everybody: 80: 3.4 % / 4.2 %; cornell 88: 1.6 % / 2.6 %;
 //! * relative error alone: 121: 3.0 % / 2.7 %; cornell 77: 1.3 % / 1.6 %;
@@ -37,15 +38,16 @@ pub(super) type Allotment = (u32, u32);
 pub(super) const ROUNDS: u32 = 3;
 /// Most samples, as a multiple of those asked for.
 const MOST: u32 = 64;
-/// Standard error over visible light below which a texel of mean brightness gets no second round, at [`TYPICAL`] samples.
+/// Standard error over visible light below which a texel of mean brightness gets no second round, at [`TYPICAL`]
+/// samples.
 const ENOUGH: f32 = 0.007;
 /// Samples for which [`ENOUGH`] holds; it falls with their square root.
 const TYPICAL: f32 = 32.0;
 /// Share of the scene's mean that counts as visible everywhere.
 const DARK: f32 = 0.05;
 
-/// Samples per half of the first round. Twice as many where an edge of a shadow is known to be: it may cut off so little that
-/// few samples do not notice.
+/// Samples per half of the first round. Twice as many where an edge of a shadow is known to be: it may cut off so
+/// little that few samples do not notice.
 pub(super) fn first_samples(samples: u32, at_edges: bool) -> u32 {
     if at_edges { samples } else { samples.div_ceil(2) }.max(1)
 }

@@ -1,10 +1,10 @@
 //! Direct irradiance by shadow rays from every patch, as two halves that share no random number.
 //!
-//! Lights without size are exact ([`hard`](super::hard)), in both halves alike, but for edges of shadows. Everything else is
-//! sampled, in three kinds that get rays of their own: each sun with a size and each light whose shadow has an edge here;
-//! one of all lights and surfaces at a finite distance; one direction to sky and environment. The first round gives every
-//! texel a share of its samples; [`allot`](super::allot) says which get more, and how many, in the rounds that follow. A
-//! half's points are one low-discrepancy sequence that later rounds go on with.
+//! Lights without size are exact ([`hard`](super::hard)), in both halves alike, but for edges of shadows. Everything
+//! else is sampled, in three kinds that get rays of their own: each sun with a size and each light whose shadow has an
+//! edge here; one of all lights and surfaces at a finite distance; one direction to sky and environment. The first
+//! round gives every texel a share of its samples; [`allot`](super::allot) says which get more, and how many, in the
+//! rounds that follow. A half's points are one low-discrepancy sequence that later rounds go on with.
 //!
 //! Invariants: same bits at any thread count; hidden patches get nothing; both halves get the same number of samples.
 

@@ -1,8 +1,10 @@
 //! Everything that shines in a scene, sorted by how it is best looked at.
 //!
-//! * Suns without size, and point and spot lights without size if they are few: one look each, exact but for shadow edges.
+//! * Suns without size, and point and spot lights without size if they are few: one look each, exact but for shadow
+//!   edges.
 //! * Suns with a size: a sample each.
-//! * Emissive surfaces, lights with a size, and many lights: one hierarchy ([`tree`](super::tree)), a choice per sample.
+//! * Emissive surfaces, lights with a size, and many lights: one hierarchy ([`tree`](super::tree)), a choice per
+//!   sample.
 //! * Sky and environment map: [`infinity`](super::infinity).
 
 use super::infinity::Infinity;
@@ -66,10 +68,7 @@ impl Emitters {
     /// Collects what shines and is kept.
     #[must_use]
     pub fn of(scene: &Scene, keep: impl Fn(Source) -> bool) -> Self {
-        let glows = |t: &u32| {
-            let m = scene.material(*t);
-            !m.unlit && m.emission.max_element() > 0.0 && keep(Source::Material(scene.part(*t).material))
-        };
+        let glows = |t: &u32| scene.material(*t).glows() && keep(Source::Material(scene.part(*t).material));
         let kept = |(i, light): (usize, &Light)| keep(Source::Light(i)).then(|| light.clone());
         let lights: Vec<Light> = scene.lights.iter().enumerate().filter_map(kept).collect();
         let emissive: Vec<u32> = (0..scene.triangles.len() as u32).filter(glows).collect();

@@ -1,8 +1,9 @@
 //! Lights without size that are looked at one by one: exact, but for texels that an edge of their shadow cuts.
 //!
-//! Each light is evaluated at the centroids of 2 × 2 cells of the texel, which is exact for linear functions. A light is
-//! cut by an edge where the cells do not agree on it, and where a neighbouring texel's cells all say the opposite: then the
-//! edge runs between the centroids of the two, and takes up to a quarter of either. Edges are left to the samples.
+//! Each light is evaluated at the centroids of 2 × 2 cells of the texel, which is exact for linear functions. A light
+//! is cut by an edge where the cells do not agree on it, and where a neighbouring texel's cells all say the opposite:
+//! then the edge runs between the centroids of the two, and takes up to a quarter of either. Edges are left to the
+//! samples.
 
 use super::look::Look;
 use super::neighbors::Neighbors;

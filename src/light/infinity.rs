@@ -3,9 +3,9 @@
 //! One ray a sample, from a mixture: by cosine, which suits what is even, and by the map's excess over its mean, which
 //! finds suns and windows. Its density is exact, so either alone may fail to reach a direction.
 //!
-//! Source: Pharr, Jakob, Humphreys, *Physically Based Rendering*, 4th edition, §2.2.3 (one-sample balance heuristic) and
-//! §12.5.3; the excess over the mean is "MIS compensation" (Karlík et al., SIGGRAPH Asia 2019). A constant map has no
-//! excess, so it costs what a constant sky costs.
+//! Source: Pharr, Jakob, Humphreys, *Physically Based Rendering*, 4th edition, §2.2.3 (one-sample balance heuristic)
+//! and §12.5.3; the excess over the mean is "MIS compensation" (Karlík et al., SIGGRAPH Asia 2019). A constant map has
+//! no excess, so it costs what a constant sky costs.
 //!
 //! Limits: the choice knows neither the horizon of a texel nor the gradient sky.
 

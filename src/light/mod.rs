@@ -25,8 +25,8 @@ pub use emitters::{Emitters, Source};
 /// How to gather direct light.
 #[derive(Debug, Clone, Copy)]
 pub struct Settings {
-    /// Shadow rays per texel to what is near, to the sky, and to each sun with a size; fewer where they agree, up to 16 times
-    /// as many where they do not. The error falls with its square root.
+    /// Shadow rays per texel to what is near, to the sky, and to each sun with a size; fewer where they agree, up to 16
+    /// times as many where they do not. The error falls with its square root.
     pub samples: u32,
     /// Chooses the random numbers.
     pub seed: u64,

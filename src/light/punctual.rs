@@ -1,7 +1,8 @@
-//! Punctual lights as seen from a point: direction, illuminance on a facing plane, and the point to aim a shadow ray at.
+//! Punctual lights as seen from a point: direction, illuminance on a facing plane, and the point to aim a shadow ray
+//! at.
 //!
-//! A light with a radius is a sphere of even radiance, sampled within the cone in which it is seen: above the horizon it
-//! gives exactly what the point at its centre gives, I cos θ/d². Its range counts from the centre.
+//! A light with a radius is a sphere of even radiance, sampled within the cone in which it is seen: above the horizon
+//! it gives exactly what the point at its centre gives, I cos θ/d². Its range counts from the centre.
 //!
 //! Source: the glTF extension `KHR_lights_punctual`, "Range Property" and "Inner and Outer Cone Angles" (the reference
 //! code, with its squared cone falloff).
@@ -76,8 +77,8 @@ pub(super) fn window(range: f32, distance_squared: f32) -> f32 {
     (1.0 - ratio * ratio).clamp(0.0, 1.0)
 }
 
-/// Vector to the surface of a glowing sphere, uniform in the cone in which it is seen, and solid angle over π radius² (1/d²
-/// for a point) times the window. A sphere of intensity I has the radiance I/(π radius²).
+/// Vector to the surface of a glowing sphere, uniform in the cone in which it is seen, and solid angle over π radius²
+/// (1/d² for a point) times the window. A sphere of intensity I has the radiance I/(π radius²).
 fn sphere(at: Vec3, radius: f32, range: f32, position: Vec3, u: Vec2) -> Option<(Vec3, f32)> {
     let center = at - position;
     let distance_squared = center.length_squared();
@@ -105,8 +106,8 @@ fn sphere(at: Vec3, radius: f32, range: f32, position: Vec3, u: Vec2) -> Option<
     Some((direction * to_surface, 2.0 * versine / radius_squared * window))
 }
 
-/// About the illuminance that a point or spot light gives to a site if nothing is in between [lx]; 0 only where it gives
-/// none.
+/// About the illuminance that a point or spot light gives to a site if nothing is in between [lx]; 0 only where it
+/// gives none.
 pub(super) fn estimate(light: &Light, site: &Site) -> f32 {
     let (at, intensity, range, radius) = match *light {
         Light::Sun { .. } => return 0.0,

@@ -2,15 +2,17 @@
 //!
 //! In: bounds of n leaves. Out: for a site, a [`Cut`] through the tree; from it, a leaf and its exact probability.
 //!
-//! Source: A. Conty Estevez, C. Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting", 2018; bounds and
-//! importance as in Pharr, Jakob, Humphreys, *Physically Based Rendering*, 4th edition, §12.6.3. Where we differ, and why:
-//! * the split is adaptive per texel, not per sample: the cut through the tree is found once, then all samples of the texel
-//!   choose from it. Its leaves have their exact estimate, so a scene with fewer leaves than [`MOST`] has the exact choice.
-//!   Only nodes that are near the texel are weighed, and gone down from, anew for every sample;
+//! Source: A. Conty Estevez, C. Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting", 2018; bounds
+//! and importance as in Pharr, Jakob, Humphreys, *Physically Based Rendering*, 4th edition, §12.6.3. Where we differ,
+//! and why:
+//! * the split is adaptive per texel, not per sample: the cut through the tree is found once, then all samples of the
+//!   texel choose from it. Its leaves have their exact estimate, so a scene with fewer leaves than [`MOST`] has the
+//!   exact choice. Only nodes that are near the texel are weighed, and gone down from, anew for every sample;
 //! * bounds are taken for the whole texel, so a probability of 0 is right for all its points;
 //! * no angle makes the importance less than [`FLOOR`] of its largest unless nothing can arrive.
 //!
-//! Symbols: o opening of the cone of axes, e angle around each within which it shines, u angle under which the box is seen.
+//! Symbols: o opening of the cone of axes, e angle around each within which it shines, u angle under which the box is
+//! seen.
 //!
 //! Invariants: every leaf is in exactly one node of a cut, unless it cannot reach the site; probabilities of a cut's
 //! leaves add up to 1; the tree depends on the leaves alone.

@@ -1,8 +1,8 @@
 //! OpenEXR: lightmap pages, AOV files, and the reader that `compare` and `render` use.
 //!
-//! Written: one part, scan lines in increasing order, ZIP of 16 lines, half (or float for positions and errors), Rec.709
-//! chromaticities, no time stamp. Row 0 = v 0. Values beyond the half range are clamped to it; not-a-number is an error,
-//! because one such texel blackens everything that is filtered with it.
+//! Written: one part, scan lines in increasing order, ZIP of 16 lines, half (or float for positions and errors),
+//! Rec.709 chromaticities, no time stamp. Row 0 = v 0. Values beyond the half range are clamped to it; not-a-number is
+//! an error, because one such texel blackens everything that is filtered with it.
 //!
 //! Trap: the `exr` crate keeps attributes that it does not know in a `HashMap`, so it would write them in another order
 //! on every run. They are therefore spliced into the finished header here, in the order of their names, and the table

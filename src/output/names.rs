@@ -56,8 +56,9 @@ pub fn aov_file(document: &Path, k: u32) -> PathBuf {
     beside(document, &format!("aov{k}.exr"))
 }
 
-/// Names as parts of file names: letters, digits and `-` stay, anything else becomes `_`. A page number follows, so what
-/// ends in a digit gets a `-`. No two are equal, not even where letter case does not count: later ones get a number.
+/// Names as parts of file names: letters, digits and `-` stay, anything else becomes `_`. A page number follows, so
+/// what ends in a digit gets a `-`. No two are equal, not even where letter case does not count: later ones get a
+/// number.
 pub fn words<'a>(names: impl Iterator<Item = &'a str>) -> Vec<String> {
     let plain = |c: char| if c.is_ascii_alphanumeric() || c == '-' { c } else { '_' };
     let mut words: Vec<String> = vec![];

@@ -1,4 +1,5 @@
-//! The report of a bake, for machines. The keys are a contract: [`SCHEMA`] goes up when one changes its meaning or goes.
+//! The report of a bake, for machines. The keys are a contract: [`SCHEMA`] goes up when one changes its meaning or
+//! goes.
 
 use super::Error;
 use crate::base::Warning;

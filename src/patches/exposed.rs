@@ -6,8 +6,8 @@
 //! of 8 × 8 cells. Where we differ: cells are tested only where something stands near or over the texel's centre.
 //!
 //! A point is hidden when at least [`HIDDEN_HITS`] of [`PROBES`] rays over its hemisphere meet the back of single-sided
-//! surfaces: it then lies in a solid. Sheets and double-sided surfaces hide nothing. A point of a single-sided surface is
-//! hidden too when another surface lies on it face to face, as the underside of a crate and the floor do.
+//! surfaces: it then lies in a solid. Sheets and double-sided surfaces hide nothing. A point of a single-sided surface
+//! is hidden too when another surface lies on it face to face, as the underside of a crate and the floor do.
 //!
 //! Limits: a floor that is closed in by single-sided surfaces which all face away from it counts as hidden.
 

@@ -1,7 +1,6 @@
-//! From a hit to its patch, and from a patch to points on it.
+//! From a hit to its patch, and from a patch to its place on the page.
 //!
-//! Invariant: a point drawn on a patch lies on its exposed part, so a patch neither sends nor receives light where it is
-//! inside another solid.
+//! Invariant: with [`Patches::receives`], a patch receives no light where it is inside another solid.
 
 use super::surface::Map;
 use super::{NO_PATCH, Patches};

@@ -3,10 +3,11 @@
 //! In: tracer, patches, a patch. Out: points that are uniform over its exposed part, with normals and starts of rays.
 //!
 //! What does not change from ray to ray is found once per patch: clipped polygons, the map from the texel to its
-//! triangles, normals and the bounds of rounding errors. Found anew for each ray, that cost two thirds of a gather.
+//! triangles, normals and the bounds of rounding errors. Found anew for each ray, a gather took
+//! 1.36 times as long (office, 50,000 texels).
 //!
-//! Invariants: a point drawn on a patch lies on its exposed part, so a patch does not send light from where it is inside
-//! another solid; well-spread numbers give well-spread points.
+//! Invariants: a point drawn on a patch lies on its exposed part, so a patch does not send light from where it is
+//! inside another solid; well-spread numbers give well-spread points.
 
 use super::cells::cell_index;
 use super::{Patches, SurfacePoint};

@@ -1,9 +1,9 @@
 //! Where to stand: a camera of the document, or a place that is found by looking around.
 //!
 //! Automatic: rays near the horizon from the middle of the scene tell whether it is a space to stand in (most of them
-//! meet fronts of surfaces) or a thing to walk around. In a space the candidates are its corners as far as the view from
-//! the middle goes, at eye height, looking across; around a thing they are eight places on a circle, looking at its
-//! centre from above. The one from which the most surface is seen, and in a space from afar, wins.
+//! meet fronts of surfaces) or a thing to walk around. In a space the candidates are its corners as far as the view
+//! from the middle goes, at eye height, looking across; around a thing they are eight places on a circle, looking at
+//! its centre from above. The one from which the most surface is seen, and in a space from afar, wins.
 
 use super::Error;
 use super::Shot;

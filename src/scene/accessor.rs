@@ -1,4 +1,5 @@
-//! Reads accessors (glTF 2.0, section 3.6.2): strides, sparse substitution, padded matrix columns, every component type.
+//! Reads accessors (glTF 2.0, section 3.6.2): strides, sparse substitution, padded matrix columns, every component
+//! type.
 //!
 //! In: a [`Document`] with its buffers. Out: [`AccessorData`], tightly packed. Everything is checked against the bytes
 //! that exist before anything is allocated; the one exception, accessors without a buffer view (all zeros), has the cap

@@ -1,4 +1,5 @@
-//! Cameras of the scene in world space (glTF 2.0, section 3.10). Scale of the node is ignored, as the specification says.
+//! Cameras of the scene in world space (glTF 2.0, section 3.10). Scale of the node is ignored, as the specification
+//! says.
 
 use super::Camera;
 use super::Projection;
@@ -43,7 +44,8 @@ fn projection(entry: &CameraEntry) -> Option<Projection> {
 /// The rigid part of a transform: z kept, x made perpendicular to it, y completes a right-handed frame.
 fn unscaled(world: DMat4) -> Option<DMat4> {
     let z = world.z_axis.truncate().try_normalize()?;
-    // A mirrored node shows a mirrored picture with x kept; y then follows from the right hand, so up is taken as given.
+    // A mirrored node shows a mirrored picture with x kept; y then follows from the right hand, so up is taken as
+    // given.
     let y = world.y_axis.truncate();
     let y = (y - z * y.dot(z)).try_normalize()?;
     Some(DMat4::from_cols(y.cross(z).extend(0.0), y.extend(0.0), z.extend(0.0), world.w_axis))

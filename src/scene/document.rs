@@ -2,8 +2,8 @@
 //!
 //! The text is kept so that `output` can splice its additions into it and leave every other byte alone.
 //!
-//! Invariant: `buffers` has one entry per buffer of the document, of exactly its `byteLength`, all of it really read: no
-//! allocation trusts a number of the document.
+//! Invariant: `buffers` has one entry per buffer of the document, of exactly its `byteLength`, all of it really read:
+//! no allocation trusts a number of the document.
 
 use super::Error;
 use super::container;

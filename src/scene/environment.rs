@@ -3,10 +3,10 @@
 //! In: file, factor, rotation. Out: radiance by direction [cd/m²]; a pixel is constant, so its light is its value times
 //! its solid angle, exactly.
 //!
-//! Convention, that of three.js and of Blender's world seen through a glTF export (world +y is up): the top row looks up,
-//! the middle column toward +x, the column at a quarter of the width toward −z, at three quarters toward +z, and the left
-//! and right borders toward −x. A positive rotation turns the map counter-clockwise as seen from above: by 90° what was at
-//! +x comes to −z.
+//! Convention, that of three.js and of Blender's world seen through a glTF export (world +y is up): the top row looks
+//! up, the middle column toward +x, the column at a quarter of the width toward −z, at three quarters toward +z, and
+//! the left and right borders toward −x. A positive rotation turns the map counter-clockwise as seen from above: by 90°
+//! what was at +x comes to −z.
 //!
 //! Negative values, which filters leave in EXR files, count as 0. Not-a-number and infinity are errors.
 //!
@@ -38,8 +38,8 @@ pub struct Environment {
 }
 
 impl Environment {
-    /// A map of these radiances [cd/m²], top row first, turned by `rotation` [rad]. `None` if the sizes do not match, there
-    /// are no pixels, or a value is not finite.
+    /// A map of these radiances [cd/m²], top row first, turned by `rotation` [rad]. `None` if the sizes do not match,
+    /// there are no pixels, or a value is not finite.
     #[must_use]
     pub fn new(width: u32, height: u32, pixels: Vec<Rgb>, rotation: f32) -> Option<Self> {
         let count = width as usize * height as usize;

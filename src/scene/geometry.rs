@@ -3,8 +3,8 @@
 //! In: document, resolved node tree, materials. Out: [`Geometry`], in document order of the node tree.
 //!
 //! * Triangles wind counter-clockwise seen from the front; under a mirroring transform corners 1 and 2 are swapped.
-//! * Normals are transformed by the cofactor matrix, which is det · (inverse transpose) and stays right where a scale is
-//!   zero; its sign is corrected under mirroring. Normals that are missing, zero or not finite become the average of
+//! * Normals are transformed by the cofactor matrix, which is det · (inverse transpose) and stays right where a scale
+//!   is zero; its sign is corrected under mirroring. Normals that are missing, zero or not finite become the average of
 //!   the triangles around, weighted by area.
 //! * Sizes are added up before anything is allocated, see [`MAX_ELEMENTS`].
 

@@ -1,8 +1,8 @@
 //! Decodes the images that the materials in use need, in parallel: PNG, JPEG and WebP to 8-bit RGBA.
 //!
 //! In: document, materials. Out: one [`Texture`] per texture of the document; those that are not needed are one white
-//! texel. The format is told from the bytes, as many documents state it wrongly. Colour profiles and orientation tags are
-//! ignored (glTF 2.0, section 3.8.3). 16-bit values are rounded to 8 bits.
+//! texel. The format is told from the bytes, as many documents state it wrongly. Colour profiles and orientation tags
+//! are ignored (glTF 2.0, section 3.8.3). 16-bit values are rounded to 8 bits.
 //!
 //! Bounds, all checked from the image headers before anything is decoded: [`MAX_SIDE`], [`MAX_PIXELS`], [`MAX_RATIO`].
 

@@ -2,9 +2,9 @@
 //!
 //! Source: glTF 2.0, section 3.9; `KHR_materials_emissive_strength`, `KHR_materials_unlit`, `KHR_texture_transform`.
 //!
-//! The rotation of `KHR_texture_transform`: the extension's GLSL listing, read as the column-major code that it is, turns
-//! the other way than its own text and its own example say, and than viewers do (KhronosGroup/glTF#1563). We follow the
-//! example: u' = u·cos + v·sin, v' = −u·sin + v·cos, after the scale and before the offset.
+//! The rotation of `KHR_texture_transform`: the extension's GLSL listing, read as the column-major code that it is,
+//! turns the other way than its own text and its own example say, and than viewers do (KhronosGroup/glTF#1563). We
+//! follow the example: u' = u·cos + v·sin, v' = −u·sin + v·cos, after the scale and before the offset.
 
 use super::Error;
 use super::primitive::MAX_UV_SETS;
@@ -69,6 +69,12 @@ pub struct TextureRef {
 }
 
 impl Material {
+    /// It sends out light; where, its texture says.
+    #[must_use]
+    pub fn glows(&self) -> bool {
+        !self.unlit && self.emission.max_element() > 0.0
+    }
+
     /// The textures that it uses.
     pub(super) fn textures(&self) -> impl Iterator<Item = &TextureRef> {
         [&self.base_color_texture, &self.metallic_texture, &self.emission_texture].into_iter().flatten()

@@ -3,16 +3,18 @@
 //! After this stage nothing is optional: transforms are applied, triangles wind counter-clockwise seen from their front
 //! (also under mirrored transforms), normals and vertex colours exist, units are glTF's photometric ones.
 //!
-//! Vertex k of a [`Part`] is element k of the accessors of its primitive, so that `output` can copy attributes by index.
+//! Vertex k of a [`Part`] is element k of the accessors of its primitive, so that `output` can copy attributes by
+//! index.
 //!
-//! [`load()`] is the only entry; the order of its steps is `load.rs`. The reader is our own, see [`schema`] for why. Every
-//! number of a document is checked where it is used: a document can be refused, but it cannot cause a panic, an endless
-//! loop, or memory use beyond a small multiple of what the files really contain (the exceptions are named and capped:
-//! `accessor.rs`, `geometry.rs`, `images.rs`).
+//! [`load()`] is the only entry; the order of its steps is `load.rs`. The reader is our own, see [`schema`] for why.
+//! Every number of a document is checked where it is used: a document can be refused, but it cannot cause a panic, an
+//! endless loop, or memory use beyond a small multiple of what the files really contain (the exceptions are named and
+//! capped: `accessor.rs`, `geometry.rs`, `images.rs`).
 //!
-//! Codes of warnings: `animated-node`, `bad-alpha-mode`, `bad-camera`, `bad-color`, `bad-light`, `bad-light-group`, `bad-normals`,
-//! `bad-sampler`, `bad-texcoord`, `byte-order-mark`, `deforming-mesh`, `factor-out-of-range`, `incomplete-triangle`,
-//! `missing-texcoord`, `no-positions`, `no-triangles`, `not-triangles`, `trailing-bytes`, `unsupported-extension`.
+//! Codes of warnings: `animated-node`, `bad-alpha-mode`, `bad-camera`, `bad-color`, `bad-light`, `bad-light-group`,
+//! `bad-normals`, `bad-sampler`, `bad-texcoord`, `byte-order-mark`, `deforming-mesh`, `factor-out-of-range`,
+//! `incomplete-triangle`, `missing-texcoord`, `no-positions`, `no-triangles`, `not-triangles`, `trailing-bytes`,
+//! `unsupported-extension`.
 
 mod accessor;
 mod cameras;

@@ -3,8 +3,8 @@
 //! Source: glTF 2.0, section 3.5; `KHR_node_visibility`. Transforms are multiplied in double precision. No recursion:
 //! a chain of a million nodes is fine.
 //!
-//! Invariants of a [`Walk`]: `worlds` has one finite, affine matrix per node of the document; `placed` lists each node of
-//! the scene once, parents before children.
+//! Invariants of a [`Walk`]: `worlds` has one finite, affine matrix per node of the document; `placed` lists each node
+//! of the scene once, parents before children.
 
 use super::Error;
 use super::schema::Node;

@@ -1,7 +1,7 @@
 //! Where a primitive's vertices stand at rest: node transform, or morph targets and skin with the joints as they are.
 //!
-//! Source: glTF 2.0, sections 3.7.2.2 (morph targets) and 3.7.3 (skins). A skinned mesh ignores the transform of its own
-//! node. Animations are not played: weights and joints have the values of the document.
+//! Source: glTF 2.0, sections 3.7.2.2 (morph targets) and 3.7.3 (skins). A skinned mesh ignores the transform of its
+//! own node. Animations are not played: weights and joints have the values of the document.
 //!
 //! Symbols: Δ displacement of a morph target, w its weight; J world transform of a joint, B its inverse bind matrix.
 

@@ -1,8 +1,8 @@
 //! Reads one mesh primitive into local space: vertex attributes as floats, and a plain triangle list.
 //!
-//! In: the document, mesh and primitive index. Out: [`LocalPrimitive`]; vertex k is element k of the accessors. Strips and
-//! fans become triangles by the formulas of glTF 2.0, section 3.7.2.1. Degenerate triangles stay, so that triangle t
-//! always means the same corner indices of the document.
+//! In: the document, mesh and primitive index. Out: [`LocalPrimitive`]; vertex k is element k of the accessors. Strips
+//! and fans become triangles by the formulas of glTF 2.0, section 3.7.2.1. Degenerate triangles stay, so that triangle
+//! t always means the same corner indices of the document.
 //!
 //! Odd but harmless values are replaced, with a warning: texture coordinates and colours that are not finite.
 
@@ -14,8 +14,8 @@ use glam::Vec2;
 use glam::Vec3;
 use glam::Vec4;
 
-/// Texture coordinate sets that can be used; materials that ask for more are refused. Every set costs 8 bytes per vertex
-/// of the whole scene, also where a primitive lacks it.
+/// Texture coordinate sets that can be used; materials that ask for more are refused. Every set costs 8 bytes per
+/// vertex of the whole scene, also where a primitive lacks it.
 pub(super) const MAX_UV_SETS: usize = 8;
 
 /// How many vertices and triangles a primitive has; known before anything is allocated.

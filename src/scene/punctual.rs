@@ -1,8 +1,8 @@
 //! Lights of `KHR_lights_punctual` in world space.
 //!
 //! Defaults of the extension: white, intensity 1, no range, cone 0 to π/4. A node's scale changes neither intensity nor
-//! range. Beyond the extension, `extras` of a light may hold `radius` [m] for point and spot lights, and `angle` [rad], the
-//! angular diameter, for directional ones.
+//! range. Beyond the extension, `extras` of a light may hold `radius` [m] for point and spot lights, and `angle` [rad],
+//! the angular diameter, for directional ones.
 
 use super::Error;
 use super::Light;
@@ -15,8 +15,8 @@ use crate::base::Warning;
 use core::f32::consts::FRAC_PI_2;
 use glam::DMat4;
 
-/// All lights of the visible nodes, in document order, and the names of their groups. `sizes` overrides angle [rad] of every sun and radius [m] of every
-/// other light.
+/// All lights of the visible nodes, in document order, and the names of their groups. `sizes` overrides angle [rad] of
+/// every sun and radius [m] of every other light.
 pub(super) fn read(
     root: &Root,
     walk: &Walk,

@@ -81,7 +81,7 @@ impl Scene {
     #[must_use]
     pub fn emission(&self, triangle: u32, b: Vec2) -> Rgb {
         let material = self.material(triangle);
-        if material.unlit || material.emission.max_element() <= 0.0 {
+        if !material.glows() {
             return Rgb::ZERO;
         }
         match &material.emission_texture {

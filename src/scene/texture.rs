@@ -1,7 +1,8 @@
 //! Decoded images with their sampler.
 //!
-//! Sampling follows glTF 2.0, section 3.8.4: wrap modes in u and v, row 0 at v = 0, texel centres at half-integers. Colours
-//! are decoded before they are filtered. There are no mip-maps: a bake asks for points, and averages them itself.
+//! Sampling follows glTF 2.0, section 3.8.4: wrap modes in u and v, row 0 at v = 0, texel centres at half-integers.
+//! Colours are decoded before they are filtered. There are no mip-maps: a bake asks for points, and averages them
+//! itself.
 
 use glam::Vec2;
 use glam::Vec4;

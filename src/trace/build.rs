@@ -3,14 +3,15 @@
 //! In: [`Scene`]. Out: [`Hierarchy`], and its root node. Two steps: `collapse` plans what is below
 //! what; `write` copies that into nodes and packets, depth first, so that what is near in space is near in memory.
 //!
-//! Children with triangles come first, then by falling area: the order in which a ray that asks for any hit should look.
+//! Children with triangles come first, then by falling area: the order in which a ray that asks for any hit should
+//! look.
 //!
 //! Boxes are one f32 step larger than their triangles on each side, and at least 2⁻⁴⁰ of the largest coordinate: so no
 //! box is flat, no point of a triangle lies on the border of its box, and the rounding of the double-precision triangle
 //! test (2⁻⁵³ of the distance) cannot put a hit outside of the box. See `traverse`.
 //!
-//! Invariants: every triangle with area and finite corners is in exactly one packet; the same bytes at every thread count;
-//! recursion is no deeper than that of `collapse`. Limit: 2²⁸ triangles.
+//! Invariants: every triangle with area and finite corners is in exactly one packet; the same bytes at every thread
+//! count; recursion is no deeper than that of `collapse`. Limit: 2²⁸ triangles.
 
 use super::collapse::Branch;
 use super::collapse::Plan;

@@ -3,16 +3,17 @@
 //! In: items, and the box around them. Out: a [`Plan`]; items are reordered, so that those of each branch are a run.
 //!
 //! Source: Ylitie, Karras, Laine, "Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs", HPG 2017,
-//! §2.3: from the leaves up, the least cost of covering a subtree with at most 1, 2, … 8 boxes; then from the root down,
-//! the choices that had it. A ray meets a box in proportion to its area, and pays the same for a node as for a packet.
-//! Where we differ, and why: leaves are packets and their size is fixed by `split`, so there is no choice of leaves.
+//! §2.3: from the leaves up, the least cost of covering a subtree with at most 1, 2, … 8 boxes; then from the root
+//! down, the choices that had it. A ray meets a box in proportion to its area, and pays the same for a node as for a
+//! packet. Where we differ, and why: leaves are packets and their size is fixed by `split`, so there is no choice of
+//! leaves.
 //!
 //! Symbols: cost[i] is that of at most i + 1 boxes. It is a sum of areas in units of 1/`scale`².
 //!
 //! Tried: to open the largest of the children until eight are there, as most do, leaves nodes half empty: half as many
 //! nodes again, 6 % more of them visited. Leaves of at most four triangles where there is room: 8 % fewer packets
-//! visited, but 2 % more nodes, a tenth more memory and a third more time to build; no gain per ray. More bins for short
-//! lists, or areas times triangles instead of packets: within 2 % of the visits.
+//! visited, but 2 % more nodes, a tenth more memory and a third more time to build; no gain per ray. More bins for
+//! short lists, or areas times triangles instead of packets: within 2 % of the visits.
 //!
 //! Invariants: the same plan at every thread count; recursion is at most [`DEEPEST`] and the logarithm of the number of
 //! items deep.
@@ -80,7 +81,8 @@ fn cut(items: &mut [Item], branch: Branch, scale: f32, depth: usize) -> Binary {
     Binary { branch, cost, halves: Some(Box::new(halves)) }
 }
 
-/// Least cost of `boxes` + 1 boxes, some for each half, and how many, less one, are for the first. Infinite for one box.
+/// Least cost of `boxes` + 1 boxes, some for each half, and how many, less one, are for the first. Infinite for one
+/// box.
 fn share(halves: &[Binary; 2], boxes: usize) -> (f32, usize) {
     let mut best = (f32::INFINITY, 0);
     for i in 0..boxes {

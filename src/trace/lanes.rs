@@ -4,9 +4,9 @@
 //! vectors, which every x86-64 and arm64 machine has; `avx2` has the other implementation.
 //!
 //! Invariants: nothing that is computed here decides what is hit; it only refuses what `triangle` would refuse. So
-//! implementations may differ within their error bounds: in whether a product is rounded before a sum, for NaN, and in
-//! the sign of zero. All other operations are one correctly rounded IEEE operation in each lane. Every method is inlined
-//! by force: an implementation may use instructions that only the outermost function is compiled for.
+//! implementations may differ within their error bounds: in [`Lanes::plane`], for NaN, and in the sign of zero. All
+//! other operations are one correctly rounded IEEE operation in each lane. Every method is inlined by force: an
+//! implementation may use instructions that only the outermost function is compiled for.
 
 use glam::Vec4;
 
@@ -30,10 +30,6 @@ pub(super) trait Lanes: Copy {
     fn at_most(self, other: Self) -> u32;
     /// A bit for each lane that is below the other one; not for NaN.
     fn below(self, other: Self) -> u32;
-    /// `self`·`other` − `minus`; it may be rounded once or twice.
-    fn times_minus(self, other: Self, minus: Self) -> Self;
-    /// `from` − `self`·`other`; it may be rounded once or twice.
-    fn times_from(self, other: Self, from: Self) -> Self;
     /// What [`Lanes::plane`] needs for near and for far planes along one axis, of a ray's `origin` and the negative
     /// reciprocal of its direction; `reach` bounds all coordinates.
     fn axis(origin: f32, inverse: f32, reach: f32) -> [[Self; 2]; 2];
@@ -97,16 +93,6 @@ impl Lanes for Portable {
     #[inline(always)]
     fn size(self) -> Self {
         Self([self.0[0].abs(), self.0[1].abs()])
-    }
-
-    #[inline(always)]
-    fn times_minus(self, other: Self, minus: Self) -> Self {
-        self.times(other).minus(minus)
-    }
-
-    #[inline(always)]
-    fn times_from(self, other: Self, from: Self) -> Self {
-        from.minus(self.times(other))
     }
 
     /// Four roundings, all of them relative, so the far ones are enlarged by [`SLACK`].

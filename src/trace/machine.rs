@@ -1,10 +1,10 @@
 //! What depends on the machine: a traversal for CPUs with AVX2, and large pages. None of it changes a result.
 //!
-//! [`Avx2`] is the proof that the CPU has it: [`Avx2::detect`] alone makes it. `Wide`, eight lanes in one register, stays
-//! in this file, and every use of it is compiled into the functions with `#[target_feature]` below, which need the proof.
-//! Fused multiply-add is among their features, but the compiler never fuses by itself, so `Wide` alone has it: to refuse
-//! boxes and triangles sooner, never to decide. With 20 thousand triangles it takes 6 % off the time of an occlusion, all
-//! of it from the boxes, and nothing off that of the nearest hit.
+//! [`Avx2`] is the proof that the CPU has it: [`Avx2::detect`] alone makes it. `Wide`, eight lanes in one register,
+//! stays in this file, and every use of it is compiled into the functions with `#[target_feature]` below, which need
+//! the proof. Fused multiply-add is among their features, but the compiler never fuses by itself, so `Wide` alone has
+//! it: to refuse boxes and triangles sooner, never to decide. With 20 thousand triangles it takes 6 % off the time of
+//! an occlusion, all of it from the boxes, and nothing off that of the nearest hit.
 //!
 //! Tried: the same compiled with AVX-512VL (twice the registers, no spills) is 6 to 16 % slower on Skylake.
 //!
@@ -44,7 +44,8 @@ fn ask_for_large_pages<T>(list: &Vec<T>) {
     let start = list.as_ptr().addr().next_multiple_of(LARGE);
     let end = list.as_ptr().addr() + list.capacity() * size_of::<T>();
     if end > start {
-        // SAFETY: the range lies in the allocation of `list`, the advice keeps its contents, and failure changes nothing.
+        // SAFETY: the range lies in the allocation of `list`, the advice keeps its contents, and failure changes
+        // nothing.
         unsafe { libc::madvise(core::ptr::with_exposed_provenance_mut(start), end - start, libc::MADV_HUGEPAGE) };
     }
 }
@@ -160,18 +161,6 @@ mod avx2 {
             Self(unsafe { _mm256_andnot_ps(_mm256_set1_ps(-0.0), self.0) })
         }
 
-        #[inline(always)]
-        fn times_minus(self, other: Self, minus: Self) -> Self {
-            // SAFETY: features as above.
-            Self(unsafe { _mm256_fmsub_ps(self.0, other.0, minus.0) })
-        }
-
-        #[inline(always)]
-        fn times_from(self, other: Self, from: Self) -> Self {
-            // SAFETY: features as above.
-            Self(unsafe { _mm256_fnmadd_ps(self.0, other.0, from.0) })
-        }
-
         /// With r the reach: the reciprocal is off by 2ε, its product with the origin by 3ε, and two sums add ε each,
         /// so the distance is off by less than 8ε·r times the reciprocal; `SHIFT` is twice that.
         #[inline(always)]
@@ -183,7 +172,8 @@ mod avx2 {
 
         #[inline(always)]
         fn plane(at: &Eight, [at_zero, inverse]: [Self; 2]) -> Self {
-            Self::load(at).times_from(inverse, at_zero)
+            // SAFETY: features as above.
+            Self(unsafe { _mm256_fnmadd_ps(Self::load(at).0, inverse.0, at_zero.0) })
         }
 
         #[inline(always)]

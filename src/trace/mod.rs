@@ -7,8 +7,8 @@
 //! Invariants:
 //! * [`Tracer::closest_hit`] and [`Tracer::occluded`] accept exactly the same hits, so one is the other's existence;
 //! * a ray's answer depends on the scene and the ray alone: not on threads, other rays, or the machine. What is done in
-//!   f32 lanes only refuses what f64 would refuse; what is left is decided in f64 without fused multiply-add, the same way
-//!   on every CPU;
+//!   f32 lanes only refuses what f64 would refuse; what is left is decided in f64 without fused multiply-add, the same
+//!   way on every CPU;
 //! * a ray that is not finite, has no direction, or a `t_max` that is not above zero, meets nothing.
 //!
 //! Limits: 2²⁸ triangles; further ones are not seen. Distances are f32: surfaces closer to each other than one part in
@@ -187,9 +187,9 @@ impl<'a> Tracer<'a> {
     /// Origin for a ray that leaves a triangle at `b` toward `direction`: pushed off the surface, to the side that the
     /// direction points to, by a bound of the rounding errors, so that the ray cannot meet the triangle it starts from.
     ///
-    /// The push is at most 4 f32 steps (ulps) of the triangle's coordinates per axis, in proportion to the normal: under
-    /// 4 µm within 8 m of the world's origin. A point nearer than 8 steps to an edge is moved that far inward, so that a
-    /// ray from a corner of a room starts inside it.
+    /// The push is at most 4 f32 steps (ulps) of the triangle's coordinates per axis, in proportion to the normal:
+    /// under 4 µm within 8 m of the world's origin. A point nearer than 8 steps to an edge is moved that far inward, so
+    /// that a ray from a corner of a room starts inside it.
     #[must_use]
     pub fn origin_on(&self, triangle: u32, b: Vec2, direction: Vec3) -> Vec3 {
         self.leave(&Ground::new(self.scene.corners(triangle)), b, direction)

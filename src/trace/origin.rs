@@ -1,30 +1,30 @@
 //! Start points for rays that leave a surface.
 //!
-//! In: corners of the triangle, barycentric weights, direction. Out: an f32 point strictly on the side that the direction
-//! points to.
+//! In: corners of the triangle, barycentric weights, direction. Out: an f32 point strictly on the side that the
+//! direction points to.
 //!
-//! Source: Pharr, Jakob, Humphreys, "Physically Based Rendering", 4th ed., §6.8.6 (push along the normal by a bound of the
-//! rounding error, then round away). Where we differ, and why: the position is interpolated in f64, so its own error is
-//! nil, and what has to be bounded is
+//! Source: Pharr, Jakob, Humphreys, "Physically Based Rendering", 4th ed., §6.8.6 (push along the normal by a bound of
+//! the rounding error, then round away). Where we differ, and why: the position is interpolated in f64, so its own
+//! error is nil, and what has to be bounded is
 //! * the rounding of the result to f32: at most one step per axis;
-//! * the rounding of the corners of a flat surface, half a step per axis here and half in the neighbouring triangle, since
-//!   a wall that is not axis-parallel is only flat up to that;
+//! * the rounding of the corners of a flat surface, half a step per axis here and half in the neighbouring triangle,
+//!   since a wall that is not axis-parallel is only flat up to that;
 //! * the error of the triangle test: under 2⁻⁴⁸ of the largest coordinate, as its f64 sums have fewer than 32 roundings
 //!   of 2⁻⁵³ each. This keeps the start of rays off planes through zero, where the f32 steps vanish.
 //!
 //! Points within [`INSET`] steps of an edge are moved inward: a ray that starts exactly in the corner of a room would
 //! otherwise start on its wall, and 0 < t lets it pass.
 //!
-//! Symbols: n unit normal, toward the side the ray leaves to; `ulp_k` spacing of f32 at the triangle's largest coordinate
-//! on axis k.
+//! Symbols: n unit normal, toward the side the ray leaves to; `ulp_k` spacing of f32 at the triangle's largest
+//! coordinate on axis k.
 //!
 //! Invariant: n·(result − plane) ≥ `Σ |n_k| ulp_k` + 2⁻⁴⁶ reach. Limit: where the neighbours of a rounded flat surface
 //! tilt toward the ray by more than its own elevation angle (about ulp/edge length), it meets them: they are there.
 
 use glam::{DVec3, Vec2, Vec3};
 
-/// Distance from the edges, in steps of the largest coordinate. Smaller: the push (up to 4 steps) leaves a room through a
-/// wall that leans over the floor; larger: visible shifts on tiny triangles far from the world's origin.
+/// Distance from the edges, in steps of the largest coordinate. Smaller: the push (up to 4 steps) leaves a room through
+/// a wall that leans over the floor; larger: visible shifts on tiny triangles far from the world's origin.
 const INSET: f64 = 8.0;
 /// Four times the error bound of the triangle test, as part of the largest coordinate of the scene.
 const TEST_ERROR: f64 = 1.0 / (1u64 << 46) as f64;
@@ -37,7 +37,8 @@ pub struct Ground {
     normal: DVec3,
     /// Part of the push that does not depend on the scene [m].
     push: f64,
-    /// Least barycentric weight of each corner: [`INSET`] steps from the opposite edge, or as far as a small triangle allows.
+    /// Least barycentric weight of each corner: [`INSET`] steps from the opposite edge, or as far as a small triangle
+    /// allows.
     least: [f64; 3],
 }
 

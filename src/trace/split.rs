@@ -6,8 +6,8 @@
 //! bins of centroids, here along all three axes). Where we differ, and why: a side costs its area times the number of
 //! *packets* that its triangles fill, because a packet costs the same whether it is full or not.
 //!
-//! Invariants: both sides have items; boxes and counts are merged by minimum, maximum and integer sum, so the cut is the
-//! same at every thread count. NaN and infinity in areas (a scene as large as f32) only make the cut a worse one.
+//! Invariants: both sides have items; boxes and counts are merged by minimum, maximum and integer sum, so the cut is
+//! the same at every thread count. NaN and infinity in areas (a scene as large as f32) only make the cut a worse one.
 
 use super::build::LANES;
 use crate::base::parallel;
@@ -202,7 +202,8 @@ impl Bins {
     }
 }
 
-/// Reorders at least two items; how many belong to the left side, and the boxes of both sides. `scale` brings areas near 1.
+/// Reorders at least two items; how many belong to the left side, and the boxes of both sides. `scale` brings areas
+/// near 1.
 pub(super) fn split(items: &mut [Item], scale: f32) -> (usize, [Bounds; 2]) {
     let grid = Grid::new(items);
     let bins = Bins::of(items, &grid);

@@ -3,7 +3,8 @@
 //! One entry is 64 bits. For the nearest hit: the bits of the distance (f32, not negative, so that they compare like
 //! integers) above the child. For any hit: the index of a node above the bits of its children that are left.
 //!
-//! Invariant: pushes of one node leave the nearest on top. No depth is too large: entries beyond [`LOCAL`] go to the heap.
+//! Invariant: pushes of one node leave the nearest on top. No depth is too large: entries beyond [`LOCAL`] go to the
+//! heap.
 
 use super::build::Child;
 use super::build::Node;

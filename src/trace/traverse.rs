@@ -2,22 +2,22 @@
 //!
 //! In: [`Tracer`] and [`Ray3`]. Out: the nearest hit, or any hit at all.
 //!
-//! Source of the box test: Ize, "Robust BVH Ray Traversal", JCGT 2(2), 2013. Distances to the planes of a box are bounded
-//! on the safe side, see `Lanes::plane`. Where we differ: reciprocals are clamped to 2¹⁰⁰, so that a zero component of the
-//! direction makes no NaN. That is safe because no triangle reaches the border of its box (see `build`): for an origin on
-//! a triangle's own plane the far plane is at least 2⁻⁴⁰ of the scene away, and 2⁶⁰ scene sizes off along the ray.
+//! Source of the box test: Ize, "Robust BVH Ray Traversal", JCGT 2(2), 2013. Distances to the planes of a box are
+//! bounded on the safe side, see `Lanes::plane`. Where we differ: reciprocals are clamped to 2¹⁰⁰, so that a zero
+//! component of the direction makes no NaN. That is safe because no triangle reaches the border of its box (see
+//! `build`): for an origin on a triangle's own plane the far plane is at least 2⁻⁴⁰ of the scene away, and 2⁶⁰ scene
+//! sizes off along the ray.
 //!
-//! Distances inside are measured along the largest axis of the direction (`t · scale`), so that directions of any length
-//! work; what is compared and returned is the f32 t.
+//! Distances inside are measured along the largest axis of the direction (`t · scale`), so that directions of any
+//! length work; what is compared and returned is the f32 t.
 //!
-//! Everything up to the entry points in `avx2` and [`super::Tracer`] is inlined by force, so that it is compiled once for
-//! each kind of [`Lanes`].
+//! Everything up to the entry points in `avx2` and [`super::Tracer`] is inlined by force, so that it is compiled once
+//! for each kind of [`Lanes`].
 //!
-//! Tried, with 20 and 200 thousand triangles: reciprocals without the division in `Shear`, and the sign of t before that
-//! division, 2 to 5 % slower; on top of them, one or two children pushed without a branch, 1 % slower still. No
-//! prefetches: nearest hit 6 and 18 % slower. To ask for all children for any hit, too,
-//! instead of the next one alone: a difference within the noise. Any hit accepted in f32 where all margins are clear: no
-//! gain, a hit saves what the packets before it cost.
+//! Tried, with 20 and 200 thousand triangles: reciprocals without the division in `Shear`, and the sign of t before
+//! that division, 2 to 5 % slower; on top of them, one or two children pushed without a branch, 1 % slower still. No
+//! prefetches: nearest hit 6 and 18 % slower. For any hit, to ask for the next child alone: a difference within the
+//! noise. Any hit accepted in f32 where all margins are clear: no gain, a hit saves what the packets before it cost.
 //!
 //! Invariants: nothing is culled that could be nearer than the best hit or equally near, so ties go to the smallest
 //! index whatever the order of visits. The stack grows: no depth is too large.
@@ -43,8 +43,8 @@ use glam::{DVec3, Vec2, Vec3};
 /// Largest reciprocal of a direction component relative to the largest one.
 const STEEPEST: f32 = (1u128 << 100) as f32;
 
-/// The nearest hit, or with `ANY` the first one found. `None` also for rays that are not finite, have no direction or no
-/// length.
+/// The nearest hit, or with `ANY` the first one found. `None` also for rays that are not finite, have no direction or
+/// no length.
 #[inline(always)]
 pub(super) fn traverse<L: Lanes, const ANY: bool>(tracer: &Tracer<'_>, ray: Ray3) -> Option<Hit> {
     // Written so that NaN fails.
@@ -139,7 +139,7 @@ fn any<L: Lanes>(tracer: &Tracer<'_>, ray: &Ray3, shear: &Shear) -> Option<Hit> 
             node = &tracer.hierarchy.nodes[index];
             L::prefetch(node.children.as_ptr().addr());
             mask = slab.meet(node, limit).1;
-            prefetch_next::<L>(tracer, node, mask);
+            prefetch_later::<L>(tracer, node, mask);
         }
     }
 }
@@ -152,13 +152,6 @@ fn prefetch_later<L: Lanes>(tracer: &Tracer<'_>, node: &Node, mask: u32) {
         prefetch::<L>(tracer, node.children[later.trailing_zeros() as usize % WIDTH]);
         later &= later - 1;
     }
-}
-
-/// Asks for the second child in `mask`, if there is one.
-#[inline(always)]
-fn prefetch_next<L: Lanes>(tracer: &Tracer<'_>, node: &Node, mask: u32) {
-    let later = mask & mask.wrapping_sub(1);
-    prefetch::<L>(tracer, node.children[later.trailing_zeros() as usize % WIDTH]);
 }
 
 /// Asks for the first four cache lines of a child. No branch: whether it is a node or a packet cannot be predicted.

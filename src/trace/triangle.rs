@@ -13,8 +13,8 @@
 //!   u v w  edge functions: twice the signed areas that belong to corners a, b, c     det  their sum
 //!   ε      2⁻²⁴, half the spacing of f32 at 1
 //!
-//! Invariant: the filter never refuses a triangle that the exact test accepts. Limit: for a ray that starts exactly on a
-//! triangle, t is 0 only up to rounding (±10⁻¹⁷ of the distances); such rays take their start from `origin`.
+//! Invariant: the filter never refuses a triangle that the exact test accepts. Limit: for a ray that starts exactly on
+//! a triangle, t is 0 only up to rounding (±10⁻¹⁷ of the distances); such rays take their start from `origin`.
 
 use super::build::Packet;
 use super::lanes::Lanes;
@@ -165,8 +165,7 @@ impl<L: Lanes> ShearLanes<L> {
     /// corner, each sheared coordinate is off by at most ε(2|x| + 4h), so each edge function by at most
     /// ε(6s² + 8sh) + 32ε²h² and terms of higher order; 16ε(s + 16εh)(s + 16εh + h) covers them. h and s are not taken
     /// from all corners but from corner 0 and `Packet::margin`, which bounds how far the others are off; it is at least
-    /// 2⁻⁵⁰ m, which covers what is lost to underflow. Where the
-    /// machine fuses a product and a sum, there is one rounding fewer. NaN after an overflow compares false, which does not refuse.
+    /// 2⁻⁵⁰ m, which covers what is lost to underflow. NaN after an overflow compares false, which does not refuse.
     #[inline(always)]
     pub(super) fn filter(&self, packet: &Packet, shear: &Shear) -> u32 {
         let [kx, ky, kz] = [shear.axes[0] as usize, shear.axes[1] as usize, shear.axes[2] as usize];
@@ -176,21 +175,15 @@ impl<L: Lanes> ShearLanes<L> {
         let az = L::load(&p[kz]).minus(oz);
         let bz = L::load(&q[kz]).minus(oz);
         let cz = L::load(&r[kz]).minus(oz);
-        let ax = L::load(&p[kx]).minus(ox);
-        let ax = sx.times_from(az, ax);
-        let ay = L::load(&p[ky]).minus(oy);
-        let ay = sy.times_from(az, ay);
-        let bx = L::load(&q[kx]).minus(ox);
-        let bx = sx.times_from(bz, bx);
-        let by = L::load(&q[ky]).minus(oy);
-        let by = sy.times_from(bz, by);
-        let cx = L::load(&r[kx]).minus(ox);
-        let cx = sx.times_from(cz, cx);
-        let cy = L::load(&r[ky]).minus(oy);
-        let cy = sy.times_from(cz, cy);
-        let u = cx.times_minus(by, cy.times(bx));
-        let v = ax.times_minus(cy, ay.times(cx));
-        let w = bx.times_minus(ay, by.times(ax));
+        let ax = L::load(&p[kx]).minus(ox).minus(sx.times(az));
+        let ay = L::load(&p[ky]).minus(oy).minus(sy.times(az));
+        let bx = L::load(&q[kx]).minus(ox).minus(sx.times(bz));
+        let by = L::load(&q[ky]).minus(oy).minus(sy.times(bz));
+        let cx = L::load(&r[kx]).minus(ox).minus(sx.times(cz));
+        let cy = L::load(&r[ky]).minus(oy).minus(sy.times(cz));
+        let u = cx.times(by).minus(cy.times(bx));
+        let v = ax.times(cy).minus(ay.times(cx));
+        let w = bx.times(ay).minus(by.times(ax));
         let margin = L::load(&packet.margin);
         let sixteenth = L::splat(ERROR);
         let h = az.size().plus(margin);

@@ -2,9 +2,9 @@
 //!
 //! In: flux at patches, from any thread. Out: their sums per patch.
 //!
-//! Every thread adds to a copy of its own as long as the copies fit [`MOST_BYTES`]: two cores that add to one cache line
-//! take turns at it, and the paper's splat adds to nine patches per line. Above that, where two threads rarely meet,
-//! copies are shared and additions are atomic. Integer sums are the same either way.
+//! Every thread adds to a copy of its own as long as the copies fit [`MOST_BYTES`]: two cores that add to one cache
+//! line take turns at it, and the paper's splat adds to nine patches per line. Above that, where two threads rarely
+//! meet, copies are shared and additions are atomic. Integer sums are the same either way.
 //!
 //! Limits: 24 bytes per patch and copy.
 

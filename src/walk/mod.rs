@@ -1,12 +1,12 @@
 //! The fuzzy random walk: breadth-first shooting of light between patches.
 //!
-//! In: tracer, patches, links, and light to start with: flux that each patch has still to shoot, or lines that leave the
-//! emitters. Out: irradiance of every patch from all bounces, and a power ledger per bounce.
+//! In: tracer, patches, links, and light to start with: flux that each patch has still to shoot, or lines that leave
+//! the emitters. Out: irradiance of every patch from all bounces, and a power ledger per bounce.
 //!
 //! Source: Castro, Feixas, Sbert, "Fuzzy Random Walk" (Universitat de Girona, 2002), on breadth-first shooting random
-//! walks as in Bekaert, "Hierarchical and Stochastic Algorithms for Radiosity" (doctoral thesis, KU Leuven, 1999), chapter 6.
-//! One iteration is one bounce. Lines start on patches in proportion to unshot power, uniformly on the patch, with
-//! cosine-distributed directions. Where we differ:
+//! walks as in Bekaert, "Hierarchical and Stochastic Algorithms for Radiosity" (doctoral thesis, KU Leuven, 1999),
+//! chapter 6. One iteration is one bounce. Lines start on patches in proportion to unshot power, uniformly on the
+//! patch, with cosine-distributed directions. Where we differ:
 //! * lines are dealt out over the patches systematically (one random offset per bounce), which never has more variance
 //!   than independent picks;
 //! * the budget is spread over the bounces in proportion to their power, so every line carries about the same flux;

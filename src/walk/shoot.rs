@@ -1,8 +1,8 @@
 //! One iteration of the walk: lines out, flux in.
 //!
-//! Lines are numbered; line k starts on the patch that holds position (k + offset)/n of the running sum of unshot power.
-//! Lines are traced in chunks of consecutive numbers, so a chunk walks along the patches and their memory; their ends are
-//! sorted by patch before flux is added, for the same reason: the paper's splat touches nine patches per line.
+//! Lines are numbered; line k starts on the patch that holds position (k + offset)/n of the running sum of unshot
+//! power. Lines are traced in chunks of consecutive numbers, so a chunk walks along the patches and their memory; their
+//! ends are sorted by patch before flux is added, for the same reason: the paper's splat touches nine patches per line.
 
 use super::accumulate::Arrivals;
 use super::deposit::{Arrival, deposit};

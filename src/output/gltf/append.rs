@@ -1,7 +1,7 @@
 //! New accessors, buffer views and bytes, collected for the end of the document.
 //!
-//! Accessors of one kind share a buffer view: all lightmap coordinates, all indices of one width, and so on. Offsets and
-//! strides of vertex attributes are multiples of 4 (glTF 2.0, section 3.6.2.4: data alignment).
+//! Accessors of one kind share a buffer view: all lightmap coordinates, all indices of one width, and so on. Offsets
+//! and strides of vertex attributes are multiples of 4 (glTF 2.0, section 3.6.2.4: data alignment).
 
 use crate::scene::AccessorData;
 
@@ -95,8 +95,8 @@ impl Append {
         ))
     }
 
-    /// A vertex attribute with the elements `picked` from `data`. `kind` is its glTF type; `rest` are further members of
-    /// the accessor as JSON, each with a comma before it. Every index must be below `data.count`.
+    /// A vertex attribute with the elements `picked` from `data`. `kind` is its glTF type; `rest` are further members
+    /// of the accessor as JSON, each with a comma before it. Every index must be below `data.count`.
     pub(super) fn attribute(&mut self, data: &AccessorData, kind: &str, picked: &[u32], rest: &str) -> usize {
         let size = component_size(data.component_type);
         // Columns of matrices start at multiples of 4 bytes (glTF 2.0, section 3.6.2.4).

@@ -1,9 +1,9 @@
 //! Meshes with a lightmap: what of a primitive is shared, what is written anew.
 //!
-//! A primitive whose vertices stay as they are keeps its accessors and indices and gains `TEXCOORD_n`. One whose vertices
-//! were split gets all attributes and morph targets again, element by element, byte for byte in their component type,
-//! and its triangles as a list. One that lies on several pages becomes one primitive per page, with common attributes.
-//! Everything else of it (extras, extensions, material variants) is carried over.
+//! A primitive whose vertices stay as they are keeps its accessors and indices and gains `TEXCOORD_n`. One whose
+//! vertices were split gets all attributes and morph targets again, element by element, byte for byte in their
+//! component type, and its triangles as a list. One that lies on several pages becomes one primitive per page, with
+//! common attributes. Everything else of it (extras, extensions, material variants) is carried over.
 //!
 //! Triangles without a chart (no area) stay, on the first page. Two instances that split a primitive alike share what
 //! was written for the first.

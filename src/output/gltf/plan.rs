@@ -2,9 +2,10 @@
 //!
 //! In: scene, atlas and the document's elements. Out: one [`Instance`] per node that has light on it.
 //!
-//! A primitive is baked if a chart lies on one of its triangles. Its lightmap is on `TEXCOORD_1`, unless textures of its
-//! material read a `TEXCOORD_1` that would have to change; then it is on the next free set. The first instance of a mesh
-//! takes the mesh's place if every node that uses the mesh is baked; all other instances go behind the existing meshes.
+//! A primitive is baked if a chart lies on one of its triangles. Its lightmap is on `TEXCOORD_1`, unless textures of
+//! its material read a `TEXCOORD_1` that would have to change; then it is on the next free set. The first instance of a
+//! mesh takes the mesh's place if every node that uses the mesh is baked; all other instances go behind the existing
+//! meshes.
 
 use super::material::Use;
 use super::material::Users;
@@ -20,8 +21,8 @@ use glam::Vec2;
 use std::collections::BTreeMap;
 use std::collections::BTreeSet;
 
-/// How far [texels] an existing `TEXCOORD_1` may be from the wanted place to be used as it is: well below what a bilinear
-/// look-up shows at half precision.
+/// How far [texels] an existing `TEXCOORD_1` may be from the wanted place to be used as it is: well below what a
+/// bilinear look-up shows at half precision.
 const SAME_PLACE: f32 = 1.0 / 256.0;
 
 /// A node with light on it.
