@@ -14,7 +14,9 @@ use solve::{Stage, square};
 use std::f32::consts::PI;
 use std::path::Path;
 use texelwalk::base::distribution::Grid;
-use texelwalk::base::{Rgb, Stream, warp};
+use texelwalk::base::{Progress, Rgb, Stream, warp};
+use texelwalk::gather;
+use texelwalk::light;
 use texelwalk::scene::{Class, Environment, Light, Material, Scene, Texture, TextureRef, Wrap};
 use texelwalk::walk::{self, Splat};
 
@@ -251,6 +253,44 @@ fn an_environment_adds_up_to_the_sum_over_its_pixels() {
             assert!((mean / f64::from(expected[c]) - 1.0).abs() < 3e-3, "channel {c}: {mean}, {expected}");
         }
     }
+}
+
+/// Mean irradiance by shadow rays and gather together, by shadow rays alone, and what both find, if `rays` are declared
+/// for each sample and `told` are what the gather goes by.
+fn divided(scene: &Scene, rays: f32, told: f32) -> [f64; 3] {
+    let stage = Stage::new(scene, 6.0);
+    let p = &stage.patches;
+    let settings = light::Settings { samples: 64, gather_rays: rays, seed: 3 };
+    let direct = light::direct(&stage.tracer, p, &stage.emitters, &settings, &Progress::default());
+    let black = vec![Rgb::ZERO; p.len()];
+    let sky = |normal, toward| stage.emitters.gathered_sky(scene, normal, toward, told);
+    let field =
+        gather::Field { tracer: &stage.tracer, patches: p, radiance: [&black, &black], sky: Some(&sky), seed: 7 };
+    let mut found = gather::Gathered::new(p);
+    found.add(&field, |_| 256, &Progress::default());
+    let mean = |[a, b]: &[Vec<Rgb>; 2]| {
+        let values: Vec<Rgb> = a.iter().zip(b).map(|(a, b)| (*a + *b) * 0.5).collect();
+        stage.mean(&values, |_| true)
+    };
+    let (all, common) = (mean(&direct.halves), mean(&direct.gathered));
+    [all - common + mean(&found.halves()), all, common]
+}
+
+#[test]
+fn the_gather_finds_of_the_sky_what_shadow_rays_leave_to_it() {
+    let mut even = plane();
+    even.environment = Environment::new(16, 8, vec![Rgb::ONE; 128], 0.4);
+    let [together, _, common] = divided(&even, 8.0, 8.0);
+    assert!((together / f64::from(PI) - 1.0).abs() < 1e-4, "{together}");
+    assert!((common / f64::from(PI) - 8.0 / 9.0).abs() < 1e-4, "an even sky is the gather's: {common}");
+
+    let mut odd = floor_and_wall();
+    odd.environment = Some(environment(1.0));
+    let [together, alone, common] = divided(&odd, 2.0, 2.0);
+    assert!((together / alone - 1.0).abs() < 4e-3, "{together}, {alone}");
+    assert!(common < 0.6 * alone, "what is bright and small is not the gather's: {common} of {alone}");
+    let [wrong, alone, _] = divided(&odd, 2.0, 3.0);
+    assert!((wrong / alone - 1.0).abs() > 1.2e-2, "another division goes unnoticed");
 }
 
 #[test]

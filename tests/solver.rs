@@ -139,10 +139,11 @@ fn furnace(name: &str, lines: u64, gather_rays: u32) -> (f64, f64) {
     let p = &stage.patches;
     let mut indirect = walk.indirect.clone();
     let mut other = indirect.clone();
-    share(p, &stage.graph, [&mut indirect, &mut other]);
+    share(p, &stage.graph, [&mut indirect, &mut other], None);
     let radiance: Vec<Rgb> =
         (0..p.len()).map(|i| p.reflectance[i] * (direct[i] + indirect[i]) / std::f32::consts::PI).collect();
-    let field = gather::Field { tracer: &stage.tracer, patches: p, radiance: [&radiance, &radiance], seed: 9 };
+    let field =
+        gather::Field { tracer: &stage.tracer, patches: p, radiance: [&radiance, &radiance], sky: None, seed: 9 };
     let mut gathered = gather::Gathered::new(p);
     gathered.add(&field, |_| gather_rays / 2, &Progress::default());
     let halves = gathered.halves();
@@ -302,7 +303,7 @@ fn sharing_conserves_flux_and_keeps_constants() {
     let p = &stage.patches;
     let mut constant = [(); 2].map(|()| vec![Rgb::ONE; p.front]);
     let [a, b] = &mut constant;
-    share(p, &stage.graph, [a, b]);
+    share(p, &stage.graph, [a, b], None);
     assert!(constant.iter().flatten().all(|v| (v.x - 1.0).abs() < 1e-5));
     // Noise of two halves on equal light.
     let mut s = Stream::new(1, Random::Render, 0, 0);
@@ -312,7 +313,7 @@ fn sharing_conserves_flux_and_keeps_constants() {
         |v: &[Vec<Rgb>; 2]| (0..p.front).map(|i| f64::from((v[0][i].x + v[1][i].x) * 0.5 - 1.0).powi(2)).sum::<f64>();
     let (flux_before, variance_before) = (flux(&noise[0]), variance(&noise));
     let [a, b] = &mut noise;
-    let error = share(p, &stage.graph, [a, b]);
+    let error = share(p, &stage.graph, [a, b], None);
     assert!((flux(&noise[0]) / flux_before - 1.0).abs() < 1e-5);
     let left = variance(&noise);
     assert!(left < 0.1 * variance_before, "{left} of {variance_before}");

@@ -17,7 +17,7 @@ use crate::base::random::mix;
 use crate::base::{Rgb, Warning};
 use crate::finish::{self, Errors};
 use crate::output::report;
-use crate::settings::{DirectMode, SplatMode};
+use crate::settings::SplatMode;
 
 /// Seconds to hold back for putting files in place.
 const WRITE_SECONDS: f64 = 0.1;
@@ -92,19 +92,19 @@ fn shared(setup: &Setup<'_>, solvers: &[Solver<'_>], clock: &mut Clock<'_>) -> R
     Ok(all)
 }
 
-/// Lets indirect light flow between linked texels; shot direct light is as noisy and flows too. Errors of direct and of
-/// indirect light.
+/// Lets light flow between linked texels, direct light apart from the rest, because its shadows are sharper. Errors of
+/// the two.
 fn share(setup: &Setup<'_>, halves: &mut Halves) -> [Errors; 2] {
     let shares = setup.settings.splat == SplatMode::Share;
-    let flow = |halves: &mut [Vec<Rgb>; 2], noisy: bool| {
-        if !(shares && noisy) {
+    let flow = |halves: &mut [Vec<Rgb>; 2], along: Option<&mut Vec<Rgb>>| {
+        if !shares {
             return Errors::of_noise(halves);
         }
         let [a, b] = halves;
-        finish::share(setup.patches, setup.graph, [a, b])
+        finish::share(setup.patches, setup.graph, [a, b], along)
     };
-    let indirect = flow(&mut halves.indirect, true);
-    let direct = flow(&mut halves.direct, setup.settings.direct == DirectMode::Shoot);
+    let indirect = flow(&mut halves.indirect, Some(&mut halves.sky));
+    let direct = flow(&mut halves.direct, None);
     [direct, indirect]
 }
 

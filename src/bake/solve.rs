@@ -22,6 +22,7 @@ use crate::settings::{DirectMode, Settings, SplatMode};
 use crate::trace::Tracer;
 use crate::walk::{self, EmittedLines, Splat, Walk};
 use core::f32::consts::FRAC_1_PI;
+use glam::Vec3;
 
 /// What all passes have in common.
 pub(super) struct Setup<'a> {
@@ -47,8 +48,12 @@ pub(super) struct Budget {
 /// Irradiance of the front patches by two halves of the random numbers [lx].
 #[derive(Debug, Default, Clone)]
 pub(super) struct Halves {
+    /// Straight from the emitters, but for what the gather found of the sky.
     pub(super) direct: [Vec<Rgb>; 2],
+    /// After reflections, and what the gather found of the sky.
     pub(super) indirect: [Vec<Rgb>; 2],
+    /// Mean of what the gather found of the sky, part of `indirect`.
+    pub(super) sky: Vec<Rgb>,
 }
 
 /// What the passes so far have found, on all patches.
@@ -59,6 +64,8 @@ pub(super) struct Solver<'a> {
     seed: u64,
     /// Irradiance by shadow rays [lx].
     direct: [Vec<Rgb>; 2],
+    /// Part of it that the gather finds, too [lx].
+    sky: [Vec<Rgb>; 2],
     /// Irradiance by the walks, straight from the emitters and after reflections [lx].
     walked: [[Vec<Rgb>; 2]; 2],
     gathered: Gathered,
@@ -87,6 +94,7 @@ impl Halves {
                 own.iter_mut().zip(others).for_each(|(a, b)| *a += *b);
             }
         }
+        self.sky.iter_mut().zip(&other.sky).for_each(|(a, b)| *a += *b);
     }
 }
 
@@ -132,6 +140,7 @@ impl<'a> Solver<'a> {
             emitters,
             seed,
             direct: black(),
+            sky: black(),
             walked: [black(), black()],
             gathered: Gathered::new(patches),
             spent: [0.0; 2],
@@ -147,8 +156,9 @@ impl<'a> Solver<'a> {
         let pass_seed = if budget.pass == 0 { seed } else { mix(seed ^ mix(budget.pass)) };
         if settings.direct == DirectMode::Gather {
             clock.timed("direct", |progress| {
-                let samples = light::Settings { samples: budget.direct_samples, seed: pass_seed };
-                self.add_direct(light::direct(tracer, patches, emitters, &samples, progress), budget);
+                let (samples, gather_rays) = (budget.direct_samples, gather_rays(settings));
+                let how = light::Settings { samples, gather_rays, seed: pass_seed };
+                self.add_direct(light::direct(tracer, patches, emitters, &how, progress), budget);
             })?;
         }
         let direct = mean(&self.direct);
@@ -170,7 +180,11 @@ impl<'a> Solver<'a> {
         if settings.gather > 0 {
             let radiance = self.radiance(setup, &direct, clock)?;
             let radiance = [radiance[0].as_slice(), radiance[1].as_slice()];
-            let field = gather::Field { tracer, patches, radiance, seed };
+            let rays = gather_rays(settings);
+            let sky = |normal, direction| emitters.gathered_sky(tracer.scene(), normal, direction, rays);
+            let sky: Option<&(dyn Fn(Vec3, Vec3) -> Rgb + Sync)> =
+                if rays > 0.0 && emitters.has_sky() { Some(&sky) } else { None };
+            let field = gather::Field { tracer, patches, radiance, sky, seed };
             clock.timed("gather", |progress| self.gather(settings, budget, &field, graph, progress))?;
         }
         Ok(())
@@ -178,9 +192,8 @@ impl<'a> Solver<'a> {
 
     fn add_direct(&mut self, found: light::Direct, budget: &Budget) {
         let share = grow(&mut self.spent[0], f64::from(budget.direct_samples));
-        for (all, new) in self.direct.iter_mut().zip(found.halves) {
-            merge(all, new, share);
-        }
+        let (all, new) = (self.direct.iter_mut().chain(&mut self.sky), found.halves.into_iter().chain(found.gathered));
+        all.zip(new).for_each(|(all, new)| merge(all, new, share));
         self.shadow_rays += found.rays;
     }
 
@@ -198,17 +211,19 @@ impl<'a> Solver<'a> {
     fn radiance(&self, setup: &Setup<'_>, direct: &[Rgb], clock: &mut Clock<'_>) -> Result<[Vec<Rgb>; 2], Stop> {
         let patches = setup.patches;
         let [straight, reflected] = &self.walked;
-        let mut reflected = reflected.clone();
+        // The sky's light is as noisy: few shadow rays look for what the gather finds.
+        let sky = mean(&self.sky);
+        let mut smooth = [0, 1].map(|h: usize| parallel::map(patches.len(), |i| reflected[h][i] + self.sky[h][i]));
         if setup.settings.splat == SplatMode::Share {
             // The last bounce reads few texels near corners, so the walk's noise would show there as blotches.
             clock.timed("smooth", |_| {
-                let [a, b] = &mut reflected;
-                finish::share(patches, setup.graph, [a, b]);
+                let [a, b] = &mut smooth;
+                finish::share(patches, setup.graph, [a, b], None);
             })?;
         }
         Ok([0, 1].map(|h: usize| {
             parallel::map(patches.len(), |i| {
-                patches.reflectance[i] * (direct[i] + straight[h][i] + reflected[h][i]) * FRAC_1_PI
+                patches.reflectance[i] * (direct[i] - sky[i] + straight[h][i] + smooth[h][i]) * FRAC_1_PI
             })
         }))
     }
@@ -227,7 +242,7 @@ impl<'a> Solver<'a> {
         self.gathered.add(field, |_| first, progress);
         if half > first && !progress.cancelled() {
             let [mut a, mut b] = self.gathered.halves();
-            let error = finish::share(field.patches, graph, [&mut a, &mut b]);
+            let error = finish::share(field.patches, graph, [&mut a, &mut b], None);
             let rays = gather::second_round(&error.around(field.patches, graph), half - first);
             self.gathered.add(field, |i| rays[i], progress);
         }
@@ -243,7 +258,9 @@ impl<'a> Solver<'a> {
         let front = setup.patches.front;
         let [straight, reflected] = &self.walked;
         Halves {
-            direct: [0, 1].map(|h: usize| parallel::map(front, |i| self.direct[h][i] + straight[h][i])),
+            direct: [0, 1]
+                .map(|h: usize| parallel::map(front, |i| self.direct[h][i] - self.sky[h][i] + straight[h][i])),
+            sky: self.gathered.sky(),
             indirect: if setup.settings.gather > 0 {
                 self.gathered.halves()
             } else {
@@ -256,6 +273,12 @@ impl<'a> Solver<'a> {
 /// Mean of two halves.
 pub(super) fn mean([a, b]: &[Vec<Rgb>; 2]) -> Vec<Rgb> {
     parallel::map(a.len(), |i| (a[i] + b[i]) * 0.5)
+}
+
+/// Rays of the gather that see the sky, for each sample of direct light.
+fn gather_rays(settings: &Settings) -> f32 {
+    let gathers = settings.bounces != Some(0) && settings.direct == DirectMode::Gather;
+    if gathers { settings.gather as f32 / settings.direct_samples as f32 } else { 0.0 }
 }
 
 /// Adds to what was spent; the share that the addition has in all of it.

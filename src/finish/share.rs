@@ -21,8 +21,12 @@
 //! Cross-validation of two buffers: Rousselle, Manzi, Zwicker, "Robust Denoising using Feature and Color Information",
 //! Computer Graphics Forum 32(7), 2013, §4 (there for a pixel filter that conserves nothing).
 //!
-//! Limits: sharing stops at chart borders. The choice looks at the noise that it judges, so the stated error is a
-//! little low where one half has few samples.
+//! The choice looks at the noise that it judges, which makes what it sees of both low; [`WIDER`] makes up for it.
+//!
+//! Tried: the flow corrected by what it does to itself, 2F − F², which bends less: squared errors 1 to 4 % lower, for
+//! twice the time.
+//!
+//! Limits: sharing stops at chart borders.
 
 use super::cells::Cells;
 use super::network::Network;
@@ -39,6 +43,10 @@ const JUDGE_STEPS: usize = 30;
 /// 16 rays per texel the error is within 4 % of what it is with them, but the stated one was 0.60 of it in courtyard
 /// and 0.68 in office; at this weight 0.87 and 0.88.
 const CELL_WEIGHT: f32 = 0.9;
+/// Times the noise and the bias that are seen. On ten to forty thousand texels of office, courtyard, two rooms and
+/// cornell, a quarter of the rays of `production` to twice of them, stated errors were 0.72 to 0.96 of the measured ones
+/// without it.
+const WIDER: f32 = 1.15 * 1.15;
 /// Steps that the chosen bandwidth flows, so that it does not jump.
 const SETTLE_STEPS: usize = 2;
 /// A wider level is tried while the last one was the best for this share of the texels.
@@ -107,17 +115,27 @@ impl Errors {
     }
 }
 
-/// Shares two halves of irradiance [lx] of the first patches in place.
-pub fn share(patches: &Patches, graph: &PatchGraph, halves: [&mut Vec<Rgb>; 2]) -> Errors {
+/// Shares two halves of irradiance [lx] of the first patches in place; what is in `along` flows the same way.
+pub fn share(
+    patches: &Patches,
+    graph: &PatchGraph,
+    halves: [&mut Vec<Rgb>; 2],
+    along: Option<&mut Vec<Rgb>>,
+) -> Errors {
     let [a, b] = halves;
     let raw = parallel::map(a.len(), |i| Pair(a[i], b[i]));
     let network = Network::new(patches, graph, raw.len());
     let wanted = bandwidth(&network, &Cells::new(patches, raw.len()), &raw);
     let steps = widest(&wanted);
-    let shared = network.narrowed(&wanted, steps).flow(raw.clone(), steps);
+    let network = network.narrowed(&wanted, steps);
+    let shared = network.flow(raw.clone(), steps);
+    if let Some(part) = along {
+        *part = network.flow(core::mem::take(part), steps);
+    }
     let difference = |p: Pair| (p.0 - p.1).length_squared();
-    let noise = parallel::map(raw.len(), |i| 0.25 * difference(shared[i]));
-    let bias = parallel::map(raw.len(), |i| judged(shared[i], raw[i]) - 0.5 * difference(raw[i]) - noise[i]);
+    let noise = parallel::map(raw.len(), |i| 0.25 * WIDER * difference(shared[i]));
+    let seen = |i: usize| judged(shared[i], raw[i]) - 0.5 * difference(raw[i]) - 0.25 * difference(shared[i]);
+    let bias = parallel::map(raw.len(), |i| WIDER * seen(i));
     for (i, pair) in shared.into_iter().enumerate() {
         (a[i], b[i]) = (pair.0, pair.1);
     }

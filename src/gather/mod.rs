@@ -3,8 +3,10 @@
 //! In: radiosity of the patches (by the walk and direct light). Out: indirect irradiance of the front patches, as two
 //! halves that share no random number, so that their difference tells the error.
 //!
-//! Each ray reads `B = ρ(E_direct + E_indirect)/π` where it lands; what leaves the scene or lands on an emitter's own
-//! light counts as direct and is not read. Starting points are spread over the exposed part of the texel.
+//! Each ray reads `B = ρ(E_direct + E_indirect)/π` where it lands; an emitter's own light counts as direct and is not
+//! read. What leaves the scene reads the sky, or the part of it that shadow rays leave to the gather: it comes for free,
+//! and where walls are bright, what rays find of sky and of walls balances. Starting points are spread over the exposed
+//! part of the texel.
 //!
 //! Directions and starting points are one Owen-scrambled low-discrepancy sequence per tile of [`TILE`] texels, dealt
 //! out along its Z-order curve: the rays of a texel are well spread, and those of a block of texels together as well,
@@ -26,7 +28,7 @@ use crate::base::{Progress, Rgb, parallel, warp};
 use crate::patches::{PatchSurface, Patches};
 use crate::trace::{Ray, Tracer};
 use core::f32::consts::PI;
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 
 /// Texels of a tile that share a sequence; the rest of its 2³² points are for rays.
 const TILE: u32 = 1 << 16;
@@ -43,6 +45,8 @@ pub struct Field<'a> {
     pub patches: &'a Patches,
     /// What each patch sends out [cd/m²], one solution per half.
     pub radiance: [&'a [Rgb]; 2],
+    /// Radiance of the sky for a shading normal and a direction, as far as the gather is to add it [cd/m²].
+    pub sky: Option<&'a (dyn Fn(Vec3, Vec3) -> Rgb + Sync)>,
     /// Chooses the random numbers.
     pub seed: u64,
 }
@@ -58,6 +62,8 @@ pub struct Gathered {
 struct Texel {
     /// Radiance by half [cd/m²].
     sums: [Rgb; 2],
+    /// Part of them that came from the sky, of both halves together.
+    sky: Rgb,
     /// Rays of each half.
     rays: u32,
 }
@@ -75,10 +81,16 @@ impl Gathered {
         self.texels = parallel::map_watched(texels.len(), progress, |i| field.texel(i, texels[i], rays(i)));
     }
 
-    /// Indirect irradiance by each half of the rays [lx].
+    /// Irradiance by each half of the rays, indirect and from the sky [lx].
     #[must_use]
     pub fn halves(&self) -> [Vec<Rgb>; 2] {
         [0, 1].map(|h| self.texels.iter().map(|t| t.sums[h] * (PI / t.rays.max(1) as f32)).collect())
+    }
+
+    /// The part of it that came from the sky [lx].
+    #[must_use]
+    pub fn sky(&self) -> Vec<Rgb> {
+        self.texels.iter().map(|t| t.sky * (PI / (2 * t.rays.max(1)) as f32)).collect()
     }
 
     /// Rays traced.
@@ -117,10 +129,13 @@ impl Field<'_> {
             let sequence = Sequence::new(mix(self.seed ^ key));
             for k in before.rays..out.rays {
                 let [u, v, x, y] = sequence.point((place % TILE) * MOST_RAYS + k);
-                let Some(ray) = ray(&surface, Vec2::new(u, v), Vec2::new(x, y)) else { continue };
-                let Some(hit) = self.tracer.closest_hit(&ray) else { continue };
-                if let Some(seen) = self.patches.at(&hit) {
-                    out.sums[half] += radiance[seen];
+                let Some((ray, normal)) = ray(&surface, Vec2::new(u, v), Vec2::new(x, y)) else { continue };
+                if let Some(hit) = self.tracer.closest_hit(&ray) {
+                    out.sums[half] += self.patches.at(&hit).map_or(Rgb::ZERO, |seen| radiance[seen]);
+                } else if let Some(sky) = self.sky {
+                    let light = sky(normal, ray.direction);
+                    out.sums[half] += light;
+                    out.sky += light;
                 }
             }
         }
@@ -128,12 +143,13 @@ impl Field<'_> {
     }
 }
 
-/// `None` for a direction that a bent shading normal sends below the surface.
-fn ray(surface: &PatchSurface<'_>, direction: Vec2, position: Vec2) -> Option<Ray> {
+/// A ray and the shading normal where it starts; `None` for a direction that a bent shading normal sends below the surface.
+fn ray(surface: &PatchSurface<'_>, direction: Vec2, position: Vec2) -> Option<(Ray, Vec3)> {
     let spot = surface.sample(position);
-    let direction = surface.shading_frame(&spot).to_world(warp::square_to_cosine_hemisphere(direction));
+    let frame = surface.shading_frame(&spot);
+    let direction = frame.to_world(warp::square_to_cosine_hemisphere(direction));
     if direction.dot(surface.normal(&spot)) <= 0.0 {
         return None;
     }
-    Some(Ray { origin: surface.origin(&spot, direction), direction, t_max: f32::INFINITY })
+    Some((Ray { origin: surface.origin(&spot, direction), direction, t_max: f32::INFINITY }, frame.n))
 }

@@ -93,8 +93,9 @@ pub(super) fn wanted(
     kinds.iter().map(|k| parallel::map(n, |i| one(k, i)).into_iter().flatten().collect()).collect()
 }
 
-/// Variance of one sample, from the two means: mean of the channels.
+/// Variance of one sample, from the two means: mean of the channels. What the gather finds, too, is not at stake.
 fn variance(estimate: &Estimate) -> f32 {
-    let difference = estimate.halves[0] - estimate.halves[1];
+    let [a, b] = [0, 1].map(|h| estimate.halves[h] - estimate.gathered[h]);
+    let difference = a - b;
     difference.length_squared() / 12.0 * estimate.samples as f32
 }

@@ -28,6 +28,8 @@ const GOLDEN: f64 = 0.618_033_988_749_894_9;
 pub struct Direct {
     /// Irradiance by two independent halves of the samples [lx]; the result is their mean.
     pub halves: [Vec<Rgb>; 2],
+    /// Part of the halves that the final gather finds, too: light of the sky (see [`Emitters::gathered_sky`]).
+    pub gathered: [Vec<Rgb>; 2],
     /// Shadow rays that were shot.
     pub rays: u64,
 }
@@ -48,6 +50,8 @@ enum Kind {
 pub(super) struct Estimate {
     /// Means of the halves [lx].
     pub(super) halves: [Rgb; 2],
+    /// Part of them that the final gather finds, too.
+    pub(super) gathered: [Rgb; 2],
     /// Samples of each half; 0 where there is nothing to sample.
     pub(super) samples: u32,
 }
@@ -62,8 +66,11 @@ struct Context<'a, L> {
     emitters: &'a Emitters,
     patches: &'a Patches,
     hard: Hard,
-    seed: u64,
+    settings: &'a Settings,
 }
+
+/// What samples found: all of it, and what of it the final gather finds, too.
+type Seen = [Rgb; 2];
 
 /// Direct light of every patch.
 #[must_use]
@@ -78,7 +85,7 @@ pub fn direct(
     let neighbors = Neighbors::new(patches);
     let hard = hard::hard(&look, &neighbors, progress);
     let mut rays = hard.rays;
-    let context = Context { look, emitters, patches, hard, seed: settings.seed };
+    let context = Context { look, emitters, patches, hard, settings };
     let mut layers = vec![];
     for kind in [Kind::Each, Kind::Finite, Kind::Infinity] {
         let first = allot::first_samples(settings.samples, kind == Kind::Each);
@@ -106,7 +113,10 @@ pub fn direct(
             values.iter_mut().zip(&layer.estimates).for_each(|(v, e)| *v += e.halves[h]);
         }
     }
-    Direct { halves, rays }
+    let sky = layers.iter().find(|l| l.kind == Kind::Infinity);
+    let gathered =
+        |h: usize| parallel::map(patches.len(), |i| sky.map_or(Rgb::ZERO, |layer| layer.estimates[i].gathered[h]));
+    Direct { halves, gathered: [gathered(0), gathered(1)], rays }
 }
 
 impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
@@ -127,8 +137,10 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
             let mut look = (self.look)();
             let before = old[patch];
             let sums = self.sums(&mut look, layer.kind, patch, before.samples..samples);
-            let halves = [0, 1].map(|h| (before.halves[h] * before.samples as f32 + sums[h]) / samples as f32);
-            (Estimate { halves, samples }, look.rays)
+            let mean = |mean: Rgb, sum: Rgb| (mean * before.samples as f32 + sum) / samples as f32;
+            let halves = [0, 1].map(|h| mean(before.halves[h], sums[h][0]));
+            let gathered = [0, 1].map(|h| mean(before.gathered[h], sums[h][1]));
+            (Estimate { halves, gathered, samples }, look.rays)
         });
         let mut rays = 0;
         for (&(patch, _), (estimate, own)) in list.iter().zip(more) {
@@ -138,26 +150,29 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
         rays
     }
 
-    fn sums(&self, look: &mut Look<'a>, kind: Kind, patch: usize, range: core::ops::Range<u32>) -> [Rgb; 2] {
+    fn sums(&self, look: &mut Look<'a>, kind: Kind, patch: usize, range: core::ops::Range<u32>) -> [Seen; 2] {
         match kind {
             Kind::Each => {
                 let edges = self.hard.edges[patch];
                 let hard = self.emitters.hard.iter().enumerate().filter(|(k, _)| edges >> k & 1 == 1).map(|(_, l)| l);
                 let lights: Vec<_> = hard.chain(&self.emitters.suns).collect();
                 self.sampled(look, kind, patch, range, |look, place, _, u| {
-                    lights.iter().map(|l| look.light(place, l, u)).fold(Rgb::ZERO, |a, b| a + b)
+                    [lights.iter().map(|l| look.light(place, l, u)).fold(Rgb::ZERO, |a, b| a + b), Rgb::ZERO]
                 })
             }
             Kind::Finite => {
                 let site = look.site(patch);
                 let mut cut = self.emitters.cut(&site);
                 if cut.is_empty() {
-                    return [Rgb::ZERO; 2];
+                    return [[Rgb::ZERO; 2]; 2];
                 }
-                self.sampled(look, kind, patch, range, |look, place, pick, u| look.finite(place, &mut cut, pick, u))
+                self.sampled(look, kind, patch, range, |look, place, pick, u| {
+                    [look.finite(place, &mut cut, pick, u), Rgb::ZERO]
+                })
             }
             Kind::Infinity => {
-                self.sampled(look, kind, patch, range, |look, place, pick, u| look.infinity(place, pick, u))
+                let rays = self.settings.gather_rays;
+                self.sampled(look, kind, patch, range, |look, place, pick, u| look.infinity(place, pick, u, rays))
             }
         }
     }
@@ -169,22 +184,23 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
         kind: Kind,
         patch: usize,
         range: core::ops::Range<u32>,
-        mut f: impl FnMut(&mut Look<'a>, &Place, f64, Vec2) -> Rgb,
-    ) -> [Rgb; 2] {
+        mut f: impl FnMut(&mut Look<'a>, &Place, f64, Vec2) -> Seen,
+    ) -> [Seen; 2] {
         let surface = look.patch_surface(patch);
         [0, 1].map(|half| {
             let key = (Stage::Light as u64) << 48 | (kind as u64) << 40 | half << 36;
-            let key = mix(self.seed ^ mix(key).wrapping_add(patch as u64));
+            let key = mix(self.settings.seed ^ mix(key).wrapping_add(patch as u64));
             let sequence = Sequence::new(key);
             let offset = Stream::new(key, Stage::Light, half, 0).next_f64();
-            let mut sum = Rgb::ZERO;
+            let mut sums = [Rgb::ZERO; 2];
             for k in range.clone() {
                 let [u, v, x, y] = sequence.point(k);
                 let place = look.spot(&surface, &surface.sample(Vec2::new(x, y)));
                 let pick = (offset + f64::from(k) * GOLDEN).fract();
-                sum += f(look, &place, pick, Vec2::new(u, v));
+                let seen = f(look, &place, pick, Vec2::new(u, v));
+                sums = [sums[0] + seen[0], sums[1] + seen[1]];
             }
-            sum
+            sums
         })
     }
 }

@@ -122,6 +122,20 @@ impl Emitters {
         self.pieces.iter().map(Piece::flux).fold(Rgb::ZERO, |a, b| a + b)
     }
 
+    /// Radiance of the sky in a unit direction that the final gather adds at a surface with this normal, if it has
+    /// `rays` rays for each sample of [`direct`](super::direct); what is left is [`Direct`](super::Direct)'s
+    /// [cd/m²].
+    #[must_use]
+    pub fn gathered_sky(&self, scene: &Scene, normal: Vec3, direction: Vec3, rays: f32) -> Rgb {
+        scene.light_from_infinity(direction) * self.infinity.gathered(scene, normal, direction, rays)
+    }
+
+    /// Something shines from infinity.
+    #[must_use]
+    pub fn has_sky(&self) -> bool {
+        !self.infinity.is_black()
+    }
+
     /// There is something to choose from.
     pub(super) fn has_finite(&self) -> bool {
         !self.tree.is_empty()

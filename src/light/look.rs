@@ -132,20 +132,22 @@ impl<'a> Look<'a> {
         s.weighted * cosine
     }
 
-    /// Irradiance by sky and environment, from one direction [lx].
-    pub(super) fn infinity(&mut self, place: &Place, pick: f64, u: Vec2) -> Rgb {
+    /// Irradiance by sky and environment, from one direction: all of it, and what of it a gather with `rays` rays for
+    /// each of these samples finds, too [lx].
+    pub(super) fn infinity(&mut self, place: &Place, pick: f64, u: Vec2, rays: f32) -> [Rgb; 2] {
         let scene = self.scene();
         let (direction, density) = self.emitters.infinity.above(scene, place.normal, pick as f32, u);
         let radiance = scene.light_from_infinity(direction);
-        let Some(cosine) = Self::cosine(place, direction) else { return Rgb::ZERO };
+        let Some(cosine) = Self::cosine(place, direction) else { return [Rgb::ZERO; 2] };
         if density <= 0.0 || radiance.max_element() <= 0.0 {
-            return Rgb::ZERO;
+            return [Rgb::ZERO; 2];
         }
         let origin = self.origin(place, direction);
         self.rays += 1;
         if self.tracer.occluded(&Ray { origin, direction, t_max: f32::INFINITY }) {
-            return Rgb::ZERO;
+            return [Rgb::ZERO; 2];
         }
-        radiance * (cosine / density)
+        let light = radiance * (cosine / density);
+        [light, light * self.emitters.infinity.gathered(scene, place.normal, direction, rays)]
     }
 }

@@ -28,6 +28,8 @@ pub struct Settings {
     /// Shadow rays per texel to what is near, to the sky, and to each sun with a size; fewer where they agree, up to 16
     /// times as many where they do not. The error falls with its square root.
     pub samples: u32,
+    /// Rays of the final gather for each of these samples: they see the sky, too. 0 where there are none.
+    pub gather_rays: f32,
     /// Chooses the random numbers.
     pub seed: u64,
 }
