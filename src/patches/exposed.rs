@@ -111,23 +111,49 @@ fn cells(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> [Cell; (MASK_G
     cells
 }
 
-/// Something stands within the texel, or a part of it lies on something.
+/// Something may stand within the texel, or a part of it lies on something. A wall at its border does not count.
 fn is_crowded(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> bool {
-    let mut sealed = false;
-    patches.cells(patch, 2, |point, _| {
-        sealed |= is_sealed(tracer, &Ground::new(tracer.scene().corners(point.triangle)), point);
-    });
-    if sealed {
+    let sealed = |point: SurfacePoint| is_sealed(tracer, &Ground::new(tracer.scene().corners(point.triangle)), point);
+    let mut any = false;
+    patches.cells(patch, 2, |point, _| any |= sealed(point));
+    if any {
         return true;
     }
     let edge = patches.texel_edge(patch);
     let frame = Frame::from_normal(patches.normal[patch]);
     let origin = patches.position[patch] + frame.n * (LOW * edge);
-    (0..8).any(|k| {
+    let mut outline: Option<Vec<SurfacePoint>> = None;
+    let stands_within = (0..8).any(|k| {
         let (sin, cos) = libm::sincosf(k as f32 * core::f32::consts::FRAC_PI_4);
         let direction = (frame.s * cos + frame.t * sin) * (REACH * edge);
-        tracer.occluded(&Ray { origin, direction, t_max: 1.0 })
-    })
+        let hit = tracer.closest_hit(&Ray { origin, direction, t_max: 1.0 });
+        hit.is_some_and(|h| {
+            let outline = outline.get_or_insert_with(|| self::outline(patches, patch));
+            !h.front || !is_in_front(tracer, h.triangle, outline)
+        })
+    });
+    // What stands beside a texel may cover a strip of it, as a board does of the panel behind it.
+    stands_within || outline.is_some_and(|all| all.into_iter().any(sealed))
+}
+
+/// About the centres of the outermost cells: corners of what the triangles cover of a texel, moved in a little.
+fn outline(patches: &Patches, patch: usize) -> Vec<SurfacePoint> {
+    let mut out = vec![];
+    for f in patches.fragments.range(patch) {
+        let triangle = patches.fragments.triangle[f];
+        let (map, polygon) = (patches.map(triangle, patch), patches.polygon(patch, f));
+        let middle = polygon.centroid();
+        let moved = polygon.corners().iter().map(|&c| c + (middle - c) / f64::from(MASK_GRID));
+        out.extend(moved.map(|c| SurfacePoint { triangle, b: map.weights(c) }));
+    }
+    out
+}
+
+/// All points lie before a triangle's plane, as those of a floor do before the wall that it ends at.
+fn is_in_front(tracer: &Tracer<'_>, triangle: u32, points: &[SurfacePoint]) -> bool {
+    let scene = tracer.scene();
+    let (corner, normal) = (scene.corners(triangle)[0], scene.geometric_normal(triangle));
+    points.iter().all(|p| (scene.position(p.triangle, p.b) - corner).dot(normal) > 0.0)
 }
 
 fn is_sealed(tracer: &Tracer<'_>, ground: &Ground, point: SurfacePoint) -> bool {
