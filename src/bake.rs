@@ -86,7 +86,7 @@ struct Solution {
     halves: solve::Halves,
     /// Irradiance by each group, if there are several; `halves` are their sum [lx].
     groups: Vec<Vec<Rgb>>,
-    /// Of direct and of indirect light; see `finish::share`.
+    /// Of what shadow rays found and of the rest; see `finish::share`.
     errors: [Errors; 2],
     power: report::Walk,
     gather_rays: u64,

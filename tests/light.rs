@@ -464,7 +464,7 @@ fn halves_are_independent_and_tell_the_error() {
     let stage = Stage::new(&scene, 6.0);
     let reference = stage.direct_halves(256, 77);
     let test = stage.direct_halves(16, 5);
-    let mean = |l: &texelwalk::light::Direct, i: usize| (l.halves[0][i] + l.halves[1][i]) * 0.5;
+    let mean = |l: &light::Direct, i: usize| (l.halves[0][i] + l.halves[1][i]) * 0.5;
     let (mut real, mut told) = (0.0, 0.0);
     for i in 0..stage.patches.front {
         real += f64::from((mean(&test, i) - mean(&reference, i)).length_squared());

@@ -48,9 +48,8 @@ from gltf_file import GltfFile  # noqa: E402
 from pictures import read_exr  # noqa: E402
 
 FILTERS = ("RT", "RT+normal", "RTLightmap")
-# Our methods: --splat, and a factor of --direct-samples on top of the budget's: where shadows end, direct light is what is
-# noisy, and its rays are cheaper than those of the gather.
-OURS = {"share": ("share", 1), "share, direct × 4": ("share", 4), "none": ("none", 1), "paper": ("paper", 1)}
+# Our methods: values of --splat.
+OURS = ("share", "none", "paper")
 # Stages that are start-up: reading, charts, writing. The hierarchy of the tracer stays in, as in Cycles' bake operator.
 START_UP = ("load", "atlas", "encode")
 PRODUCTION = tomllib.loads((PIPELINES / "presets" / "production.toml").read_text(encoding="utf-8"))
@@ -179,10 +178,8 @@ class Bench:
 
     def texelwalk(self, method, factor, seed):
         """Texels, wall and core seconds of our bake."""
-        splat, direct = OURS[method]
         scaled = {key: PRODUCTION[key] * factor for key in ("lines-per-texel", "gather", "direct-samples")}
-        scaled["direct-samples"] *= direct
-        options = (*self.options, "--splat", splat, "--seed", seed, "--lines-per-texel", scaled["lines-per-texel"],
+        options = (*self.options, "--splat", method, "--seed", seed, "--lines-per-texel", scaled["lines-per-texel"],
                    *(word for key in ("gather", "direct-samples") for word in (f"--{key}", max(1, round(scaled[key])))))
         report, wall, baked = runs.bake(self.binary, self.scene, self.work, "timed", options)
         core = sum(stage["seconds"] for stage in report["stages"] if stage["name"] not in START_UP)

@@ -14,7 +14,7 @@ OURS = "texelwalk share"
 # Without bias and without sharing of noise: their squared error goes with 1/time, so they may be extrapolated.
 UNBIASED = ("Cycles", "Mitsuba")
 COLORS = {"texelwalk": "tab:red", "Cycles": "tab:blue", "Cycles+": "tab:cyan", "Mitsuba": "tab:green"}
-DASHES = {"share": "-", "none": "--", "paper": ":", "share, direct × 4": "-.", "RT": ":", "RT+normal": "--", "RTLightmap": "-."}
+DASHES = {"share": "-", "none": "--", "paper": ":", "RT": ":", "RT+normal": "--", "RTLightmap": "-."}
 CLOCKS = {"wall": "whole process", "core": "without start-up"}
 
 

@@ -4,6 +4,9 @@
 //! number, not yet shared with neighbours. The first half of the gather reads the first half of the walks, the second
 //! the second; their difference estimates the error of the indirect light, and the result is their mean.
 //!
+//! Rays of the gather that leave the scene see the sky. What of it they find is taken from what shadow rays found (see
+//! `light::Direct::gathered`); the walk starts with all that shadow rays found, because it comes first.
+//!
 //! Every pass has shadow rays and lines of its own, which are averaged with those before, weighted by their number. The
 //! gather goes on with its low-discrepancy points, reads the averages, and deals rays by the error of all it has.
 //! Passes with gathers of their own had an eighth more error for the same rays (two rooms, 0.25 and 0.4 of

@@ -8,9 +8,15 @@
 //! Light flows between the four neighbours of the texel grid. A step moves it by one texel with probability [`STEP`]
 //! per link, a variance of 2·STEP texels² per axis.
 //!
+//! Many steps are taken together: s rounds go as far as about s²/4 steps. Source: van der Houwen, Sommeijer, "On the
+//! internal stability of explicit, m-stage Runge-Kutta methods for large m-values", ZAMM 60, 1980 (first order), with
+//! damping so strong that of the noise that single steps would remove [`RIPPLE`] is left. Without damping
+//! (Runge-Kutta-Legendre), a quarter was: 1.2 % NRMSE instead of 1.0 % in cornell, 40,000 texels, `production`.
+//!
 //! Symbols: A exposed area [m²]   E irradiance [lx]   Φ = A E   c factor of a link in [0, 1]
 //!
-//! Invariant: the sum of `g_ij` over j is at most 0.8 A, so a step never overshoots.
+//! Invariant: the sum of `g_ij` over j is at most 0.8 A, so a step never overshoots; polynomials of steps whose
+//! coefficients add up to one conserve flux and keep constants as single ones do.
 
 use crate::base::parallel;
 use crate::patches::{PatchGraph, Patches};
@@ -18,6 +24,20 @@ use core::ops::{Add, Mul, Sub};
 
 /// Share of a patch that flows over one link per step. Four links take 0.8; above 0.25 the explicit step would ring.
 pub(super) const STEP: f32 = 0.2;
+
+/// Steps up to which there is nothing to gain by taking them together.
+const FEW: usize = 3;
+/// Eigenvalues of a step's change reach twice its largest row sum.
+const STIFF: f64 = 8.0 * STEP as f64;
+/// Bound of a leap on what it removes, relative.
+const RIPPLE: f64 = 0.02;
+
+/// Largest eigenvalue times steps for which that many stages are stable.
+fn reach(stages: u32) -> f64 {
+    let n = f64::from(stages);
+    let theta = libm::acosh(1.0 / RIPPLE) / n;
+    (libm::cosh(theta) + 1.0) * n * libm::tanh(n * theta) / libm::sinh(theta)
+}
 
 /// Links with their rates g/A, compressed rows.
 pub(super) struct Network {
@@ -71,14 +91,39 @@ impl Network {
     }
 
     /// `field` after so many steps.
-    pub(super) fn flow<T: Field>(&self, mut field: Vec<T>, steps: usize) -> Vec<T> {
-        for _ in 0..steps {
-            field = parallel::map(field.len(), |i| {
-                let own = field[i];
-                self.row(i).iter().fold(own, |e, &(j, rate)| e + (field[j as usize] - own) * rate)
-            });
+    pub(super) fn flow<T: Field>(&self, field: Vec<T>, steps: usize) -> Vec<T> {
+        if steps > FEW {
+            return self.leap(field, steps as f64);
         }
-        field
+        (0..steps).fold(field, |field, _| parallel::map(field.len(), |i| field[i] + self.change(&field, i, 1.0)))
+    }
+
+    /// Many steps at once, by a Chebyshev polynomial of a step.
+    fn leap<T: Field>(&self, field: Vec<T>, steps: f64) -> Vec<T> {
+        let mut stages = 2u32;
+        while reach(stages) < STIFF * steps {
+            stages += 1;
+        }
+        let theta = libm::acosh(1.0 / RIPPLE) / f64::from(stages);
+        let (n, w0) = (f64::from(stages), libm::cosh(theta));
+        let w1 = libm::sinh(theta) / (n * libm::tanh(n * theta));
+        let chebyshev = |j: u32| libm::cosh(f64::from(j) * theta);
+        let mut last = parallel::map(field.len(), |i| field[i] + self.change(&field, i, (steps * w1 / w0) as f32));
+        let mut before = field;
+        for j in 2..=stages {
+            let weight = 2.0 * chebyshev(j - 1) / chebyshev(j);
+            let (gain, scale) = ((weight * w0) as f32, (weight * w1 * steps) as f32);
+            let next =
+                parallel::map(last.len(), |i| before[i] + (last[i] - before[i]) * gain + self.change(&last, i, scale));
+            (before, last) = (last, next);
+        }
+        last
+    }
+
+    /// What `times` steps at the present rates would add to a patch.
+    fn change<T: Field>(&self, field: &[T], i: usize, times: f32) -> T {
+        let own = field[i];
+        self.row(i).iter().fold(own * 0.0, |sum, &(j, rate)| sum + (field[j as usize] - own) * (rate * times))
     }
 
     fn row(&self, i: usize) -> &[(u32, f32)] {

@@ -1,7 +1,7 @@
-//! Final gather: the last bounce of indirect light, by cosine rays from every texel.
+//! Final gather: the last bounce of indirect light and most of the sky's, by cosine rays from every texel.
 //!
-//! In: radiosity of the patches (by the walk and direct light). Out: indirect irradiance of the front patches, as two
-//! halves that share no random number, so that their difference tells the error.
+//! In: radiosity of the patches (by the walk and direct light), and the sky. Out: irradiance of the front patches, as
+//! two halves that share no random number, so that their difference tells the error.
 //!
 //! Each ray reads `B = ρ(E_direct + E_indirect)/π` where it lands; an emitter's own light counts as direct and is not
 //! read. What leaves the scene reads the sky, or the part of it that shadow rays leave to the gather: it comes for free,
