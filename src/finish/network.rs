@@ -33,10 +33,14 @@ const STIFF: f64 = 8.0 * STEP as f64;
 /// Bound of a leap on what it removes, relative.
 const RIPPLE: f64 = 0.02;
 
+/// The angle whose multiple by the number of stages has the hyperbolic cosine 1/[`RIPPLE`].
+fn angle(stages: u32) -> f64 {
+    libm::acosh(1.0 / RIPPLE) / f64::from(stages)
+}
+
 /// Largest eigenvalue times steps for which that many stages are stable.
 fn reach(stages: u32) -> f64 {
-    let n = f64::from(stages);
-    let theta = libm::acosh(1.0 / RIPPLE) / n;
+    let (n, theta) = (f64::from(stages), angle(stages));
     (libm::cosh(theta) + 1.0) * n * libm::tanh(n * theta) / libm::sinh(theta)
 }
 
@@ -105,7 +109,7 @@ impl Network {
         while reach(stages) < STIFF * steps {
             stages += 1;
         }
-        let theta = libm::acosh(1.0 / RIPPLE) / f64::from(stages);
+        let theta = angle(stages);
         let (n, w0) = (f64::from(stages), libm::cosh(theta));
         let w1 = libm::sinh(theta) / (n * libm::tanh(n * theta));
         let chebyshev = |j: u32| libm::cosh(f64::from(j) * theta);

@@ -127,7 +127,8 @@ impl Emitters {
     /// [cd/m²].
     #[must_use]
     pub fn gathered_sky(&self, scene: &Scene, normal: Vec3, direction: Vec3, rays: f32) -> Rgb {
-        scene.light_from_infinity(direction) * self.infinity.gathered(scene, normal, direction, rays)
+        let density = self.infinity.density_above(scene, normal, direction);
+        scene.light_from_infinity(direction) * Infinity::gathered(normal, direction, density, rays)
     }
 
     /// Something shines from infinity.

@@ -4,6 +4,7 @@
 
 use super::Emitters;
 use super::emitters::Leaf;
+use super::infinity::Infinity;
 use super::piece::{Piece, Sampled};
 use super::punctual;
 use super::site::Site;
@@ -148,6 +149,6 @@ impl<'a> Look<'a> {
             return [Rgb::ZERO; 2];
         }
         let light = radiance * (cosine / density);
-        [light, light * self.emitters.infinity.gathered(scene, place.normal, direction, rays)]
+        [light, light * Infinity::gathered(place.normal, direction, density, rays)]
     }
 }
