@@ -23,15 +23,18 @@ FACE_TO_FACE = -0.99
 COARSER = 4
 
 
-def buried(mesh, uv_layer, triangle_page, double_sided, sizes):
+def buried(mesh, uv_layer, triangle_page, double_sided, sizes, coarser=COARSER):
     """Whether the centre of each texel is buried: a list of height × width arrays, row 0 on top.
 
-    `triangle_page[i]` is the page of triangle i or −1; `double_sided[i]` tells whether its back is a surface too.
+    `triangle_page[i]` is the page of triangle i or −1; `double_sided[i]` tells whether its back is a surface too. What is
+    smaller than `coarser` texels may be overlooked.
     """
     solids = Solids(mesh, uv_layer, triangle_page, double_sided)
-    coarse_sizes = [tuple(-(-n // COARSER) for n in size) for size in sizes]
+    coarse_sizes = [tuple(-(-n // coarser) for n in size) for size in sizes]
     known = solids.look(coarse_sizes, [numpy.ones(size[::-1], bool) for size in coarse_sizes])
-    coarse = [enlarged(settled(k), COARSER)[: size[1], : size[0]] for k, size in zip(known, sizes)]
+    if coarser == 1:
+        return [k == BURIED for k in known]
+    coarse = [enlarged(settled(k), coarser)[: size[1], : size[0]] for k, size in zip(known, sizes)]
     fine = solids.look(sizes, [c == UNKNOWN for c in coarse])
     return [numpy.where(c == UNKNOWN, f, c) == BURIED for c, f in zip(coarse, fine)]
 

@@ -50,7 +50,7 @@ def prepare(baked, folder, sky):
         bpy.ops.wm.save_as_mainfile(filepath=str(folder / "scene.blend"))
     sizes = [tuple(image.size) for _, image in built.pages]
     fine = [tuple(FINE * n for n in size) for size in sizes]
-    hidden = buried.buried(built.object.data, parity.LIGHTMAP_UV, built.triangle_page, built.double_sided, fine)
+    hidden = buried.buried(built.object.data, parity.LIGHTMAP_UV, built.triangle_page, built.double_sided, fine, coarser=1)
     hidden = [parity.blocks(h, FINE).any(axis=(1, 3)) for h in hidden]
     charted = [read_exr(baked.parent / page["uri"])[..., 3] > 0.5 for page, _ in built.pages]
     inside = [interior(c) & w for c, w in zip(charted, written)]
