@@ -264,8 +264,14 @@ fn divided(scene: &Scene, rays: f32, told: f32) -> [f64; 3] {
     let direct = light::direct(&stage.tracer, p, &stage.emitters, &settings, &Progress::default());
     let black = vec![Rgb::ZERO; p.len()];
     let sky = |normal, toward| stage.emitters.gathered_sky(scene, normal, toward, told);
-    let field =
-        gather::Field { tracer: &stage.tracer, patches: p, radiance: [&black, &black], sky: Some(&sky), seed: 7 };
+    let field = gather::Field {
+        tracer: &stage.tracer,
+        patches: p,
+        radiance: [&black, &black],
+        tilts: &texelwalk::patches::Tilts::default(),
+        sky: Some(&sky),
+        seed: 7,
+    };
     let mut found = gather::Gathered::new(p);
     found.add(&field, |_| 256, &Progress::default());
     let mean = |[a, b]: &[Vec<Rgb>; 2]| {

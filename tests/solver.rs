@@ -142,8 +142,14 @@ fn furnace(name: &str, lines: u64, gather_rays: u32) -> (f64, f64) {
     share(p, &stage.graph, [&mut indirect, &mut other], None);
     let radiance: Vec<Rgb> =
         (0..p.len()).map(|i| p.reflectance[i] * (direct[i] + indirect[i]) / std::f32::consts::PI).collect();
-    let field =
-        gather::Field { tracer: &stage.tracer, patches: p, radiance: [&radiance, &radiance], sky: None, seed: 9 };
+    let field = gather::Field {
+        tracer: &stage.tracer,
+        patches: p,
+        radiance: [&radiance, &radiance],
+        tilts: &texelwalk::patches::Tilts::default(),
+        sky: None,
+        seed: 9,
+    };
     let mut gathered = gather::Gathered::new(p);
     gathered.add(&field, |_| gather_rays / 2, &Progress::default());
     let halves = gathered.halves();

@@ -20,12 +20,13 @@ use crate::finish;
 use crate::gather::{self, Gathered};
 use crate::light::{self, Emitters, shoot};
 use crate::output::report;
-use crate::patches::{PatchGraph, Patches};
+use crate::patches::{PatchGraph, Patches, Shine, Tilts};
 use crate::settings::{DirectMode, Settings, SplatMode};
 use crate::trace::Tracer;
 use crate::walk::{self, EmittedLines, Splat, Walk};
 use core::f32::consts::FRAC_1_PI;
-use glam::Vec3;
+use core::ops::{Add, Mul, Sub};
+use glam::{Vec2, Vec3};
 
 /// What all passes have in common.
 pub(super) struct Setup<'a> {
@@ -69,6 +70,8 @@ pub(super) struct Solver<'a> {
     direct: [Vec<Rgb>; 2],
     /// Part of it that the gather finds, too [lx].
     sky: [Vec<Rgb>; 2],
+    /// How the rest of it changes over the texel [lx per texel]; empty without shadow rays.
+    slopes: [Vec<Vec2>; 2],
     /// Irradiance by the walks, straight from the emitters and after reflections [lx].
     walked: [[Vec<Rgb>; 2]; 2],
     gathered: Gathered,
@@ -144,6 +147,7 @@ impl<'a> Solver<'a> {
             seed,
             direct: black(),
             sky: black(),
+            slopes: [vec![], vec![]],
             walked: [black(), black()],
             gathered: Gathered::new(patches),
             spent: [0.0; 2],
@@ -167,6 +171,7 @@ impl<'a> Solver<'a> {
         let direct = mean(&self.direct);
         let source = |i: usize| direct[i] * patches.exposed_area(i);
         let found = clock.timed("walk", |progress| {
+            let tilts = (settings.direct == DirectMode::Gather).then(|| self.direct_tilts(setup, &direct));
             [0, 1].map(|half| {
                 let seed = mix(pass_seed.wrapping_mul(2).wrapping_add(half));
                 let unshot = parallel::map(patches.len(), |i| source(i) * patches.reflectance[i]);
@@ -175,19 +180,20 @@ impl<'a> Solver<'a> {
                 let shot = EmittedLines { flux: sources.flux(), line: &line };
                 let emitted = (settings.direct == DirectMode::Shoot).then_some(&shot);
                 let how = walk_settings(settings, budget, half, seed);
-                walk::walk(tracer, patches, graph, unshot, emitted, &how, progress)
+                let start = walk::Start { unshot, tilts: tilts.as_ref(), emitted };
+                walk::walk(tracer, patches, graph, start, &how, progress)
             })
         })?;
         let power_in = [0, 1, 2].map(|c| parallel::sum(patches.len(), |i| f64::from(source(i)[c])));
         self.add_walks(found, (settings.direct == DirectMode::Gather).then_some(power_in), budget);
         if settings.gather > 0 {
-            let radiance = self.radiance(setup, &direct, clock)?;
+            let (radiance, tilts) = self.radiance(setup, &direct, clock)?;
             let radiance = [radiance[0].as_slice(), radiance[1].as_slice()];
             let rays = gather_rays(settings);
             let sky = |normal, direction| emitters.gathered_sky(tracer.scene(), normal, direction, rays);
             let sky: Option<&(dyn Fn(Vec3, Vec3) -> Rgb + Sync)> =
                 if rays > 0.0 && emitters.has_sky() { Some(&sky) } else { None };
-            let field = gather::Field { tracer, patches, radiance, sky, seed };
+            let field = gather::Field { tracer, patches, radiance, tilts: &tilts, sky, seed };
             clock.timed("gather", |progress| self.gather(settings, budget, &field, graph, progress))?;
         }
         Ok(())
@@ -197,6 +203,7 @@ impl<'a> Solver<'a> {
         let share = grow(&mut self.spent[0], f64::from(budget.direct_samples));
         let (all, new) = (self.direct.iter_mut().chain(&mut self.sky), found.halves.into_iter().chain(found.gathered));
         all.zip(new).for_each(|(all, new)| merge(all, new, share));
+        self.slopes.iter_mut().zip(found.slopes).for_each(|(all, new)| merge(all, new, share));
         self.shadow_rays += found.rays;
     }
 
@@ -210,8 +217,26 @@ impl<'a> Solver<'a> {
         }
     }
 
-    /// What each patch sends out by direct light and each half of the walks [cd/m²].
-    fn radiance(&self, setup: &Setup<'_>, direct: &[Rgb], clock: &mut Clock<'_>) -> Result<[Vec<Rgb>; 2], Stop> {
+    /// How direct light changes over the texels.
+    fn direct_tilts(&self, setup: &Setup<'_>, direct: &[Rgb]) -> Tilts {
+        let sky = mean(&self.sky);
+        let all = parallel::map(direct.len(), |i| grey(direct[i]));
+        let known = parallel::map(direct.len(), |i| grey(direct[i] - sky[i]));
+        self.tilts(setup, &all, &known)
+    }
+
+    fn tilts(&self, setup: &Setup<'_>, all: &[f32], direct: &[f32]) -> Tilts {
+        let [a, b] = &self.slopes;
+        Tilts::new(setup.patches, setup.graph, &Shine { all, direct, slopes: [a, b] })
+    }
+
+    /// What each patch sends out by direct light and each half of the walks [cd/m²], and how it changes over the texel.
+    fn radiance(
+        &self,
+        setup: &Setup<'_>,
+        direct: &[Rgb],
+        clock: &mut Clock<'_>,
+    ) -> Result<([Vec<Rgb>; 2], Tilts), Stop> {
         let patches = setup.patches;
         let [straight, reflected] = &self.walked;
         // The sky's light is as noisy: few shadow rays look for what the gather finds.
@@ -224,11 +249,13 @@ impl<'a> Solver<'a> {
                 finish::share(patches, setup.graph, [a, b], None);
             })?;
         }
-        Ok([0, 1].map(|h: usize| {
-            parallel::map(patches.len(), |i| {
-                patches.reflectance[i] * (direct[i] - sky[i] + straight[h][i] + smooth[h][i]) * FRAC_1_PI
-            })
-        }))
+        let straight = |h: usize, i: usize| direct[i] - sky[i] + straight[h][i];
+        let known = parallel::map(patches.len(), |i| grey(straight(0, i) + straight(1, i)) * 0.5);
+        let all = parallel::map(patches.len(), |i| known[i] + grey(smooth[0][i] + smooth[1][i]) * 0.5);
+        let radiance = |h: usize| {
+            parallel::map(patches.len(), |i| patches.reflectance[i] * (straight(h, i) + smooth[h][i]) * FRAC_1_PI)
+        };
+        Ok(([radiance(0), radiance(1)], self.tilts(setup, &all, &known)))
     }
 
     /// The last bounce. With sharing, two thirds of the rays go where the errors are largest after the first third.
@@ -273,6 +300,11 @@ impl<'a> Solver<'a> {
     }
 }
 
+/// Mean of the channels.
+fn grey(light: Rgb) -> f32 {
+    light.element_sum() / 3.0
+}
+
 /// Mean of two halves.
 pub(super) fn mean([a, b]: &[Vec<Rgb>; 2]) -> Vec<Rgb> {
     parallel::map(a.len(), |i| (a[i] + b[i]) * 0.5)
@@ -291,7 +323,10 @@ fn grow(spent: &mut f64, more: f64) -> f32 {
 }
 
 /// all += (new − all)·share.
-fn merge(all: &mut Vec<Rgb>, new: Vec<Rgb>, share: f32) {
+fn merge<T>(all: &mut Vec<T>, new: Vec<T>, share: f32)
+where
+    T: Copy + Send + Sync + Add<Output = T> + Sub<Output = T> + Mul<f32, Output = T>,
+{
     *all = if share < 1.0 { parallel::map(new.len(), |i| all[i] + (new[i] - all[i]) * share) } else { new };
 }
 

@@ -3,7 +3,7 @@
 //! In: radiosity of the patches (by the walk and direct light), and the sky. Out: irradiance of the front patches, as
 //! two halves that share no random number, so that their difference tells the error.
 //!
-//! Each ray reads `B = ρ(E_direct + E_indirect)/π` where it lands; an emitter's own light counts as direct and is not
+//! Each ray reads `B = ρ(E_direct + E_indirect)/π` where it lands, E linear over the texel (`patches::Tilts`); an emitter's own light counts as direct and is not
 //! read. What leaves the scene reads the sky, or the part of it that shadow rays leave to the gather: it comes for free,
 //! and where walls are bright, what rays find of sky and of walls balances. Starting points are spread over the exposed
 //! part of the texel.
@@ -25,7 +25,7 @@
 use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, mix};
 use crate::base::{Progress, Rgb, parallel, warp};
-use crate::patches::{PatchSurface, Patches};
+use crate::patches::{PatchSurface, Patches, Tilts};
 use crate::trace::{Ray, Tracer};
 use core::f32::consts::PI;
 use glam::{Vec2, Vec3};
@@ -45,6 +45,8 @@ pub struct Field<'a> {
     pub patches: &'a Patches,
     /// What each patch sends out [cd/m²], one solution per half.
     pub radiance: [&'a [Rgb]; 2],
+    /// How it changes over each texel.
+    pub tilts: &'a Tilts,
     /// Radiance of the sky for a shading normal and a direction, as far as the gather is to add it [cd/m²].
     pub sky: Option<&'a (dyn Fn(Vec3, Vec3) -> Rgb + Sync)>,
     /// Chooses the random numbers.
@@ -131,7 +133,10 @@ impl Field<'_> {
                 let [u, v, x, y] = sequence.point((place % TILE) * MOST_RAYS + k);
                 let Some((ray, normal)) = ray(&surface, Vec2::new(u, v), Vec2::new(x, y)) else { continue };
                 if let Some(hit) = self.tracer.closest_hit(&ray) {
-                    out.sums[half] += self.patches.at(&hit).map_or(Rgb::ZERO, |seen| radiance[seen]);
+                    out.sums[half] += self
+                        .patches
+                        .seen(&hit)
+                        .map_or(Rgb::ZERO, |seen| radiance[seen.patch] * self.tilts.of(seen.patch).at(seen.within));
                 } else if let Some(sky) = self.sky {
                     let light = sky(normal, ray.direction);
                     out.sums[half] += light;

@@ -12,6 +12,7 @@ use super::allot::{self, Allotment};
 use super::hard::{self, Hard};
 use super::look::{Look, Place};
 use super::neighbors::Neighbors;
+use super::slope::Moments;
 use super::{Emitters, Settings};
 use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, Stream, mix};
@@ -30,6 +31,8 @@ pub struct Direct {
     pub halves: [Vec<Rgb>; 2],
     /// Part of the halves that the final gather finds, too: light of the sky (see [`Emitters::gathered_sky`]).
     pub gathered: [Vec<Rgb>; 2],
+    /// How the halves change over the texel, without that part: mean of the channels [lx per texel].
+    pub slopes: [Vec<Vec2>; 2],
     /// Shadow rays that were shot.
     pub rays: u64,
 }
@@ -52,6 +55,8 @@ pub(super) struct Estimate {
     pub(super) halves: [Rgb; 2],
     /// Part of them that the final gather finds, too.
     pub(super) gathered: [Rgb; 2],
+    /// Slopes of the halves without that part [lx per texel], by the samples of the last round alone: most of them.
+    slopes: [Vec2; 2],
     /// Samples of each half; 0 where there is nothing to sample.
     pub(super) samples: u32,
 }
@@ -71,6 +76,9 @@ struct Context<'a, L> {
 
 /// What samples found: all of it, and what of it the final gather finds, too.
 type Seen = [Rgb; 2];
+
+/// Sums of the samples of one half, and the slope over the texel.
+type Half = (Seen, Vec2);
 
 /// Direct light of every patch.
 #[must_use]
@@ -108,15 +116,17 @@ pub fn direct(
         }
     }
     let mut halves = [context.hard.irradiance.clone(), context.hard.irradiance];
-    for (h, values) in halves.iter_mut().enumerate() {
+    let mut slopes = [context.hard.slope.clone(), context.hard.slope];
+    for h in [0, 1] {
         for layer in &layers {
-            values.iter_mut().zip(&layer.estimates).for_each(|(v, e)| *v += e.halves[h]);
+            halves[h].iter_mut().zip(&layer.estimates).for_each(|(v, e)| *v += e.halves[h]);
+            slopes[h].iter_mut().zip(&layer.estimates).for_each(|(s, e)| *s += e.slopes[h]);
         }
     }
     let sky = layers.iter().find(|l| l.kind == Kind::Infinity);
     let gathered =
         |h: usize| parallel::map(patches.len(), |i| sky.map_or(Rgb::ZERO, |layer| layer.estimates[i].gathered[h]));
-    Direct { halves, gathered: [gathered(0), gathered(1)], rays }
+    Direct { halves, gathered: [gathered(0), gathered(1)], slopes, rays }
 }
 
 impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
@@ -138,9 +148,9 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
             let before = old[patch];
             let sums = self.sums(&mut look, layer.kind, patch, before.samples..samples);
             let mean = |mean: Rgb, sum: Rgb| (mean * before.samples as f32 + sum) / samples as f32;
-            let halves = [0, 1].map(|h| mean(before.halves[h], sums[h][0]));
-            let gathered = [0, 1].map(|h| mean(before.gathered[h], sums[h][1]));
-            (Estimate { halves, gathered, samples }, look.rays)
+            let halves = [0, 1].map(|h| mean(before.halves[h], sums[h].0[0]));
+            let gathered = [0, 1].map(|h| mean(before.gathered[h], sums[h].0[1]));
+            (Estimate { halves, gathered, slopes: sums.map(|half| half.1), samples }, look.rays)
         });
         let mut rays = 0;
         for (&(patch, _), (estimate, own)) in list.iter().zip(more) {
@@ -150,7 +160,7 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
         rays
     }
 
-    fn sums(&self, look: &mut Look<'a>, kind: Kind, patch: usize, range: core::ops::Range<u32>) -> [Seen; 2] {
+    fn sums(&self, look: &mut Look<'a>, kind: Kind, patch: usize, range: core::ops::Range<u32>) -> [Half; 2] {
         match kind {
             Kind::Each => {
                 let edges = self.hard.edges[patch];
@@ -164,7 +174,7 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
                 let site = look.site(patch);
                 let mut cut = self.emitters.cut(&site);
                 if cut.is_empty() {
-                    return [[Rgb::ZERO; 2]; 2];
+                    return [Half::default(); 2];
                 }
                 self.sampled(look, kind, patch, range, |look, place, pick, u| {
                     [look.finite(place, &mut cut, pick, u), Rgb::ZERO]
@@ -185,22 +195,24 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
         patch: usize,
         range: core::ops::Range<u32>,
         mut f: impl FnMut(&mut Look<'a>, &Place, f64, Vec2) -> Seen,
-    ) -> [Seen; 2] {
+    ) -> [Half; 2] {
         let surface = look.patch_surface(patch);
         [0, 1].map(|half| {
             let key = (Stage::Light as u64) << 48 | (kind as u64) << 40 | half << 36;
             let key = mix(self.settings.seed ^ mix(key).wrapping_add(patch as u64));
             let sequence = Sequence::new(key);
             let offset = Stream::new(key, Stage::Light, half, 0).next_f64();
-            let mut sums = [Rgb::ZERO; 2];
+            let (mut sums, mut moments) = ([Rgb::ZERO; 2], Moments::default());
             for k in range.clone() {
                 let [u, v, x, y] = sequence.point(k);
-                let place = look.spot(&surface, &surface.sample(Vec2::new(x, y)));
+                let spot = surface.sample(Vec2::new(x, y));
+                let place = look.spot(&surface, &spot);
                 let pick = (offset + f64::from(k) * GOLDEN).fract();
                 let seen = f(look, &place, pick, Vec2::new(u, v));
                 sums = [sums[0] + seen[0], sums[1] + seen[1]];
+                moments.add(seen[0] - seen[1], spot.within, 1.0);
             }
-            sums
+            (sums, moments.slope())
         })
     }
 }

@@ -7,6 +7,7 @@
 
 use super::look::Look;
 use super::neighbors::Neighbors;
+use super::slope::Moments;
 use crate::base::{Progress, Rgb, parallel};
 use glam::Vec2;
 
@@ -19,6 +20,7 @@ const LEAST_CELLS: f32 = 1e-9;
 #[derive(Debug, Clone, Copy, Default)]
 struct Cells {
     mean: Rgb,
+    slope: Vec2,
     /// Lights that some cell sees, a bit each.
     any: u64,
     /// Lights that all cells see.
@@ -31,6 +33,8 @@ struct Cells {
 pub(super) struct Hard {
     /// Irradiance by the lights that have no edge here [lx].
     pub(super) irradiance: Vec<Rgb>,
+    /// Its slope over the patch's texel [lx per texel].
+    pub(super) slope: Vec<Vec2>,
     /// Lights whose shadow's edge cuts the patch, a bit each.
     pub(super) edges: Vec<u64>,
     pub(super) rays: u64,
@@ -39,7 +43,7 @@ pub(super) struct Hard {
 pub(super) fn hard<'a>(look: &(impl Fn() -> Look<'a> + Sync), neighbors: &Neighbors<'_>, progress: &Progress) -> Hard {
     let n = look().patches.len();
     if look().emitters.hard.is_empty() {
-        return Hard { irradiance: vec![Rgb::ZERO; n], edges: vec![0; n], rays: 0 };
+        return Hard { irradiance: vec![Rgb::ZERO; n], slope: vec![Vec2::ZERO; n], edges: vec![0; n], rays: 0 };
     }
     let first = parallel::map_watched(n, progress, |i| cells(&mut look(), i, u64::MAX));
     let edges = parallel::map(n, |i| {
@@ -50,7 +54,8 @@ pub(super) fn hard<'a>(look: &(impl Fn() -> Look<'a> + Sync), neighbors: &Neighb
     });
     let again = parallel::map(n, |i| if edges[i] == 0 { first[i] } else { cells(&mut look(), i, !edges[i]) });
     let rays: u64 = (0..n).map(|i| first[i].rays + if edges[i] == 0 { 0 } else { again[i].rays }).sum();
-    Hard { irradiance: again.iter().map(|c| c.mean).collect(), edges, rays }
+    let (irradiance, slope) = again.iter().map(|c| (c.mean, c.slope)).unzip();
+    Hard { irradiance, slope, edges, rays }
 }
 
 /// Mean over the cells, of the lights in `mask`.
@@ -60,20 +65,23 @@ fn cells(look: &mut Look<'_>, patch: usize, mask: u64) -> Cells {
     }
     let (mut sum, mut weight, mut any, mut all) = (Rgb::ZERO, 0.0f32, 0, u64::MAX);
     let (patches, emitters) = (look.patches, look.emitters);
-    patches.cells(patch, CELLS, |point, area| {
+    let mut moments = Moments::default();
+    patches.cells(patch, CELLS, |point, within, area| {
         let place = look.place(patch, point);
-        let mut seen = 0u64;
+        let (mut seen, mut here) = (0u64, Rgb::ZERO);
         for (k, light) in emitters.hard.iter().enumerate().filter(|(k, _)| mask >> k & 1 == 1) {
             let light = look.light(&place, light, Vec2::ZERO);
             if light.max_element() > 0.0 {
-                sum += light * area;
+                here += light;
                 seen |= 1 << k;
             }
         }
+        sum += here * area;
+        moments.add(here, within, area);
         weight += area;
         any |= seen;
         all &= seen;
     });
     let all = if weight > 0.0 { all } else { 0 };
-    Cells { mean: sum / weight.max(LEAST_CELLS), any, all, rays: look.rays }
+    Cells { mean: sum / weight.max(LEAST_CELLS), slope: moments.slope(), any, all, rays: look.rays }
 }

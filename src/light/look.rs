@@ -77,7 +77,7 @@ impl<'a> Look<'a> {
     /// The texel as the choice among emitters sees it.
     pub(super) fn site(&self, patch: usize) -> Site {
         let mut points = Vec::with_capacity(8);
-        self.patches.cells(patch, 2, |point, _| {
+        self.patches.cells(patch, 2, |point, _, _| {
             let place = self.place(patch, point);
             points.push((place.position, place.normal));
         });

@@ -17,6 +17,7 @@ mod piece;
 mod punctual;
 pub mod shoot;
 mod site;
+mod slope;
 mod tree;
 
 pub use direct::{Direct, direct};

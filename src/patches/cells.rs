@@ -4,7 +4,7 @@
 //! exact for functions that are linear over each cell, also on clipped texels.
 
 use super::{Patches, SurfacePoint};
-use glam::DVec2;
+use glam::{DVec2, Vec2};
 
 /// Cells per side of the exposure mask.
 pub(super) const MASK_GRID: u32 = 8;
@@ -16,22 +16,51 @@ pub(super) fn cell_index(point: DVec2, n: u32) -> usize {
 }
 
 impl Patches {
-    /// Calls `visit(point, area)` for each cell of an n × n grid over the texel that the exposed part of the patch
-    /// touches; areas in texel². A partly hidden texel is cut at least as finely as its mask, so that the centroid of a
+    /// The cell of the exposure mask that a point lies in, or one of the eight around it, is exposed.
+    pub(super) fn is_near_exposed(&self, front: usize, point: DVec2) -> bool {
+        let cell = cell_index(point, MASK_GRID);
+        let (x, y) = (cell as u32 % MASK_GRID, cell as u32 / MASK_GRID);
+        let rows = (y.saturating_sub(1)..=(y + 1).min(MASK_GRID - 1)).map(|y| y * MASK_GRID);
+        let columns = (0b111 << x >> 1) & 0xff;
+        rows.fold(0, |near, row| near | columns << row) & self.mask[front] != 0
+    }
+
+    /// Calls `visit(point, within, area)` for each cell of an n × n grid over the texel that the exposed part of the patch
+    /// touches; the point also from the texel's corner [texels], areas in texel². A partly hidden texel is cut at least as finely as its mask, so that the centroid of a
     /// cell speaks for all of it.
-    pub fn cells(&self, patch: usize, n: u32, mut visit: impl FnMut(SurfacePoint, f32)) {
+    pub fn cells(&self, patch: usize, n: u32, mut visit: impl FnMut(SurfacePoint, Vec2, f32)) {
         let front = self.front_patch(patch);
         let n = if self.mask[front] == u64::MAX { n } else { n.max(MASK_GRID) };
         for f in self.fragments.range(front) {
             self.cell_centroids(front, f, n, |point, centroid, area| {
                 if self.cell_is_exposed(front, centroid) {
-                    visit(point, area);
+                    visit(point, centroid.as_vec2(), area);
                 }
             });
         }
     }
 
-    /// The same for one fragment, hidden cells included.
+    /// Centroid of the exposed part of a front patch [texels from the texel's corner].
+    #[must_use]
+    pub fn centroid(&self, front: usize) -> Vec2 {
+        let range = self.fragments.range(front);
+        let whole = range.len() == 1 && self.fragments.covered[range.start] > 0.999_999;
+        if whole && self.mask[front] == u64::MAX {
+            return Vec2::splat(0.5);
+        }
+        let (mut sum, mut total) = (DVec2::ZERO, 0.0);
+        for f in range {
+            self.cell_centroids(front, f, MASK_GRID, |_, centroid, area| {
+                if self.cell_is_exposed(front, centroid) {
+                    sum += centroid * f64::from(area);
+                    total += f64::from(area);
+                }
+            });
+        }
+        if total > 0.0 { (sum / total).as_vec2() } else { Vec2::splat(0.5) }
+    }
+
+    /// [`Patches::cells`] for one fragment, hidden cells included.
     pub(super) fn fragment_cells(&self, front: usize, f: usize, n: u32, mut visit: impl FnMut(SurfacePoint, f32)) {
         self.cell_centroids(front, f, n, |point, _, area| visit(point, area));
     }

@@ -66,7 +66,7 @@ pub(super) fn find(patches: &mut Patches, tracer: &Tracer<'_>, progress: &Progre
 fn texel(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> Option<Found> {
     let mut center = None;
     let mut best = f32::INFINITY;
-    patches.cells(patch, 1, |point, area| {
+    patches.cells(patch, 1, |point, _, area| {
         let position = tracer.scene().position(point.triangle, point.b);
         let distance = position.distance_squared(patches.position[patch]) - area;
         if distance < best {
@@ -115,7 +115,7 @@ fn cells(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> [Cell; (MASK_G
 fn is_crowded(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> bool {
     let sealed = |point: SurfacePoint| is_sealed(tracer, &Ground::new(tracer.scene().corners(point.triangle)), point);
     let mut any = false;
-    patches.cells(patch, 2, |point, _| any |= sealed(point));
+    patches.cells(patch, 2, |point, _, _| any |= sealed(point));
     if any {
         return true;
     }

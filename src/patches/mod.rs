@@ -17,9 +17,12 @@ mod graph;
 mod place;
 mod surface;
 mod texel;
+mod tilt;
 
 pub use graph::PatchGraph;
+pub use place::Seen;
 pub use surface::{PatchSurface, Spot};
+pub use tilt::{Shine, Tilt, Tilts};
 
 use crate::atlas::Atlas;
 use crate::base::{Progress, Rgb};

@@ -8,10 +8,26 @@ use crate::atlas::raster::{self, Polygon};
 use crate::trace::Hit;
 use glam::{DVec2, Vec2};
 
+/// Where a ray meets a patch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Seen {
+    /// The patch.
+    pub patch: usize,
+    /// The point, from the corner of the texel [texels].
+    pub within: Vec2,
+}
+
 impl Patches {
     /// The patch that a hit lands on; `None` on triangles without texels and on the back of single-sided ones.
     #[must_use]
     pub fn at(&self, hit: &Hit) -> Option<usize> {
+        self.seen(hit).map(|seen| seen.patch)
+    }
+
+    /// The same, and where in its texel the hit lies.
+    #[must_use]
+    #[inline]
+    pub fn seen(&self, hit: &Hit) -> Option<Seen> {
         let t = self.surface.get(hit.triangle as usize)?;
         if t.page == NO_PATCH || (!hit.front && !t.two_sided) {
             return None;
@@ -20,10 +36,14 @@ impl Patches {
         let (x, y) = (uv.x.floor() as i32, uv.y.floor() as i32);
         let front = self.grid_at(t.page, x, y).or_else(|| self.nearest(t.page, uv, hit.triangle))?;
         let patch = if hit.front { front } else { self.back_of[front as usize] };
-        (patch != NO_PATCH).then_some(patch as usize)
+        let (x, y) = self.texel_xy(front as usize);
+        let within = (uv - Vec2::new(x as f32, y as f32)).clamp(Vec2::ZERO, Vec2::ONE);
+        (patch != NO_PATCH).then_some(Seen { patch: patch as usize, within })
     }
 
-    /// A hit that landed on `patch` lies on its exposed part; flux on the rest would be spread over too small an area.
+    /// A hit that landed on `patch` lies on its exposed part, or at most a cell of the mask away from it: cells are in
+    /// or out by their centroid, and light that reaches the open half of one that is out makes up for what the closed
+    /// half of another cannot receive. Flux from farther in would be spread over too small an area.
     #[must_use]
     pub fn receives(&self, patch: usize, hit: &Hit) -> bool {
         let front = self.front_patch(patch);
@@ -33,7 +53,7 @@ impl Patches {
         let uv = self.surface[hit.triangle as usize].at(hit);
         let (x, y) = self.texel_xy(front);
         let local = (uv - Vec2::new(x as f32, y as f32)).clamp(Vec2::ZERO, Vec2::ONE);
-        self.cell_is_exposed(front, local.as_dvec2())
+        self.is_near_exposed(front, local.as_dvec2())
     }
 
     /// The front patch of a texel.

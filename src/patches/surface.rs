@@ -10,7 +10,7 @@
 //! inside another solid; well-spread numbers give well-spread points.
 
 use super::cells::cell_index;
-use super::{Patches, SurfacePoint};
+use super::{Patches, SurfacePoint, Tilt};
 use crate::atlas::raster::Polygon;
 use crate::base::Frame;
 use crate::base::random::{mix, unit_f32};
@@ -58,6 +58,8 @@ pub struct Spot {
     fragment: usize,
     /// Where it is in the scene.
     pub point: SurfacePoint,
+    /// Where it is in the texel [texels from the texel's corner].
+    pub within: Vec2,
 }
 
 impl Map {
@@ -117,6 +119,22 @@ impl<'a> PatchSurface<'a> {
         drawn.0
     }
 
+    /// A point of the exposed part where light is tilted, in proportion to it.
+    #[must_use]
+    pub fn sample_tilted(&self, u: Vec2, tilt: Tilt) -> Spot {
+        let (mut u, mut spot) = (u, self.sample(u));
+        for k in 0..MOST_DRAWS {
+            let bits = mix(u64::from(u.y.to_bits()) << 32 | u64::from(u.x.to_bits()) ^ u64::from(k));
+            if unit_f32(bits as u32) * tilt.most() <= tilt.at(spot.within) {
+                break;
+            }
+            let bits = mix(bits);
+            u = Vec2::new(unit_f32(bits as u32), unit_f32((bits >> 32) as u32));
+            spot = self.sample(u);
+        }
+        spot
+    }
+
     /// A point of the patch, hidden or not, and where it is in the texel.
     fn draw(&self, u: Vec2) -> (Spot, DVec2) {
         let (mut k, mut u) = (0, u);
@@ -134,7 +152,7 @@ impl<'a> PatchSurface<'a> {
         let fragment = &self.fragments[k];
         let at = fragment.polygon.as_ref().map_or_else(|| u.as_dvec2(), |p| p.sample(u));
         let point = SurfacePoint { triangle: fragment.triangle, b: fragment.map.weights(at) };
-        (Spot { fragment: k, point }, at)
+        (Spot { fragment: k, point, within: at.as_vec2() }, at)
     }
 
     /// Geometric normal, on the patch's side.

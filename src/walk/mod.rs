@@ -10,6 +10,7 @@
 //! * lines are dealt out over the patches systematically (one random offset per bounce), which never has more variance
 //!   than independent picks;
 //! * the budget is spread over the bounces in proportion to their power, so every line carries about the same flux;
+//! * with [`Start::tilts`], the first reflection starts in proportion to the light within the texel (see `Tilts`);
 //! * `low_discrepancy` takes positions and directions from an Owen-scrambled sequence along the patch order.
 //!
 //! Invariants: per bounce and colour channel shot = received + escaped + culled; the same bits at any thread count,
@@ -22,7 +23,7 @@ mod deposit;
 mod shoot;
 
 use crate::base::{Progress, Rgb, parallel};
-use crate::patches::{PatchGraph, Patches};
+use crate::patches::{PatchGraph, Patches, Tilts};
 use crate::trace::{Line, Tracer};
 
 pub use deposit::Splat;
@@ -51,6 +52,16 @@ pub struct EmittedLines<'a> {
     pub flux: Rgb,
     /// Line k of n.
     pub line: &'a (dyn Fn(u64, u64) -> Line + Sync),
+}
+
+/// Where light starts.
+pub struct Start<'a> {
+    /// Flux that each patch has to shoot [lm].
+    pub unshot: Vec<Rgb>,
+    /// How this flux is spread over the texels; `None` for evenly.
+    pub tilts: Option<&'a Tilts>,
+    /// Lines of the emitters come first.
+    pub emitted: Option<&'a EmittedLines<'a>>,
 }
 
 /// What the walk found.
@@ -82,18 +93,16 @@ pub struct Bounce {
 }
 
 /// Walks until what is left is negligible, the bounce limit is reached, or the lines are used up.
-///
-/// `unshot` is the flux that each patch has to shoot at the start [lm].
 #[must_use]
 pub fn walk(
     tracer: &Tracer<'_>,
     patches: &Patches,
     graph: &PatchGraph,
-    unshot: Vec<Rgb>,
-    emitted: Option<&EmittedLines<'_>>,
+    start: Start<'_>,
     settings: &Settings,
     progress: &Progress,
 ) -> Walk {
+    let Start { unshot, tilts, emitted } = start;
     let shooter = shoot::Shooter { tracer, patches, graph, settings, progress };
     progress.start(settings.lines);
     let mut state = State::new(patches, unshot);
@@ -109,7 +118,7 @@ pub fn walk(
         if lines == 0 {
             break;
         }
-        let (received, ledger) = shooter.reflected(&state.unshot, lines, bounce);
+        let (received, ledger) = shooter.reflected(&state.unshot, tilts.filter(|_| bounce == 0), lines, bounce);
         for (sum, r) in state.indirect.iter_mut().zip(&received) {
             *sum += *r;
         }

@@ -10,7 +10,7 @@ use super::{Bounce, EmittedLines, Settings};
 use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, mix};
 use crate::base::{Progress, Rgb, Stream, parallel, warp};
-use crate::patches::{PatchGraph, PatchSurface, Patches};
+use crate::patches::{PatchGraph, PatchSurface, Patches, Tilt, Tilts};
 use crate::trace::{Line, Ray, Tracer};
 use glam::{DVec3, Vec2};
 
@@ -50,8 +50,14 @@ impl Shooter<'_> {
         self.close(arrivals.take(), &tallies, lines, emitted.flux.as_dvec3())
     }
 
-    /// Shoots `lines` lines from the patches, in proportion to what they have to shoot.
-    pub(super) fn reflected(&self, unshot: &[Rgb], lines: u64, bounce: u32) -> (Vec<Rgb>, Bounce) {
+    /// Shoots `lines` lines from the patches, in proportion to what they have to shoot, and where on a patch.
+    pub(super) fn reflected(
+        &self,
+        unshot: &[Rgb],
+        tilts: Option<&Tilts>,
+        lines: u64,
+        bounce: u32,
+    ) -> (Vec<Rgb>, Bounce) {
         let running = running_sum(unshot);
         let total = running.last().copied().unwrap_or(0.0);
         let channels = DVec3::from_array([0, 1, 2].map(|c| parallel::sum(unshot.len(), |i| f64::from(unshot[i][c]))));
@@ -81,7 +87,7 @@ impl Shooter<'_> {
                     Some(p) if p.0 == patch => p,
                     _ => prepared.insert((patch, PatchSurface::new(self.tracer, self.patches, patch))),
                 };
-                let ray = leave(surface, u);
+                let ray = leave(surface, u, tilts.map(|t| t.of(patch)));
                 let line = Line { ray, flux: (unshot[patch].as_dvec3() * share).as_vec3() };
                 ends.extend(self.land(&line, &mut tally));
             }
@@ -142,9 +148,10 @@ impl Shooter<'_> {
     }
 }
 
-/// A cosine-distributed ray from a uniform point of a patch.
-fn leave(surface: &PatchSurface<'_>, u: [f32; 4]) -> Ray {
-    let spot = surface.sample(Vec2::new(u[0], u[1]));
+/// A cosine-distributed ray from a point of a patch.
+fn leave(surface: &PatchSurface<'_>, u: [f32; 4], tilt: Option<Tilt>) -> Ray {
+    let at = Vec2::new(u[0], u[1]);
+    let spot = tilt.map_or_else(|| surface.sample(at), |tilt| surface.sample_tilted(at, tilt));
     let direction = surface.frame(&spot).to_world(warp::square_to_cosine_hemisphere(Vec2::new(u[2], u[3])));
     Ray { origin: surface.origin(&spot, direction), direction, t_max: f32::INFINITY }
 }

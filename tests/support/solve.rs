@@ -79,7 +79,8 @@ impl<'a> Stage<'a> {
         let line = |k, n| sources.line(k, n);
         let emitted = EmittedLines { flux: sources.flux(), line: &line };
         let emitted = direct.is_none().then_some(&emitted);
-        walk::walk(&self.tracer, p, &self.graph, start, emitted, settings, &Progress::default())
+        let start = walk::Start { unshot: start, tilts: None, emitted };
+        walk::walk(&self.tracer, p, &self.graph, start, settings, &Progress::default())
     }
 
     /// Area-weighted mean over the exposed parts of the front patches that `keep` accepts.

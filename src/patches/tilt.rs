@@ -1,0 +1,164 @@
+//! Tilts: how light changes over each texel, so that what sends light on sends it from where it is bright.
+//!
+//! In: light on the patches, what is known of its slope, and links. Out: light at any point of a patch, relative to the
+//! patch's mean.
+//!
+//! A texel that the edge of a shadow crosses is not seen evenly: what lights its bright part, a lamp below the ceiling,
+//! and what looks at it, the ceiling, lie on the same side. Taken as even, the ceiling of office was 1.5 % too dark at 7
+//! texels per metre, and corners got the mean of a texel where they see its dark edge.
+//!
+//! The slope is that of the plane through the light of the linked neighbours, by least squares. Direct light brings a
+//! slope of its own, by the samples within the texel: an edge of a shadow inside is three times as steep as neighbours
+//! can tell. It is noisy, so what two halves of the samples agree on takes the neighbours' place.
+//!
+//! Symbols, in this file only:
+//!   E  irradiance [lx], mean of the channels   d  offset between centroids [texels]   s  slope [lx per texel]
+//!
+//! Invariants: the mean over a texel stays what it is, as the plane goes through it at the centroid; even light stays
+//! even; no light is negative.
+
+use super::{PatchGraph, Patches};
+use crate::base::parallel;
+use glam::Vec2;
+
+/// Added to the squared offsets, relative: where all neighbours lie on a line the slope across it is 0.
+const RIDGE: f32 = 1e-2;
+/// Most that light may change over a texel, relative to its mean: half a texel away it is 0.
+const STEEPEST: f32 = 2.0;
+
+/// Light on the patches, from which slopes are found.
+pub struct Shine<'a> {
+    /// Irradiance [lx], mean of the channels.
+    pub all: &'a [f32],
+    /// The part of it whose slopes are known.
+    pub direct: &'a [f32],
+    /// Slopes of that part by two halves of the samples [lx per texel]; empty if they are not known.
+    pub slopes: [&'a [Vec2]; 2],
+}
+
+/// Tilts of all patches; by default light is even.
+#[derive(Debug, Default)]
+pub struct Tilts {
+    tilts: Vec<Tilt>,
+}
+
+/// How light changes over one texel.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Tilt {
+    /// Where light is as bright as in the mean [texels from the texel's corner].
+    centroid: Vec2,
+    /// Relative slope [1 per texel].
+    slope: Vec2,
+}
+
+impl Tilts {
+    /// Fits planes to the light.
+    #[must_use]
+    pub fn new(patches: &Patches, graph: &PatchGraph, light: &Shine<'_>) -> Self {
+        let centroid = parallel::map(patches.front, |i| patches.centroid(i));
+        let at = |patch: usize| {
+            let front = patches.front_patch(patch);
+            let (x, y) = patches.texel_xy(front);
+            (Vec2::new(x as f32, y as f32), centroid[front])
+        };
+        let tilt = |i: usize| {
+            let (corner, centroid) = at(i);
+            let around = |light: &[f32]| {
+                slope(graph.neighbors(i).iter().map(|&j| {
+                    let (other, c) = at(j as usize);
+                    (other - corner + c - centroid, light[j as usize] - light[i])
+                }))
+            };
+            let mut slope = around(light.all);
+            if let [Some(a), Some(b)] = light.slopes.map(|half| half.get(i)) {
+                slope += agreed(*a, *b, around(light.direct));
+            }
+            Tilt { centroid, slope: limited(slope / light.all[i].max(f32::MIN_POSITIVE)) }
+        };
+        Self { tilts: parallel::map(patches.len(), tilt) }
+    }
+
+    /// The tilt of a patch.
+    #[must_use]
+    #[inline]
+    pub fn of(&self, patch: usize) -> Tilt {
+        self.tilts.get(patch).copied().unwrap_or_default()
+    }
+}
+
+impl Tilt {
+    /// Light at a point of the texel over the patch's mean; the point from the texel's corner [texels].
+    #[must_use]
+    #[inline]
+    pub fn at(&self, within: Vec2) -> f32 {
+        (1.0 + self.slope.dot(within - self.centroid)).max(0.0)
+    }
+
+    /// Most that light can be at any point of a whole texel, over the mean.
+    #[must_use]
+    pub(super) fn most(&self) -> f32 {
+        1.0 + 0.5 * self.slope.abs().element_sum()
+    }
+}
+
+/// Slope of the plane through the origin that fits (d, E) best.
+fn slope(near: impl Iterator<Item = (Vec2, f32)>) -> Vec2 {
+    let (mut offsets, mut sum) = ([0.0f32; 3], Vec2::ZERO);
+    for (d, light) in near {
+        offsets = [offsets[0] + d.x * d.x, offsets[1] + d.x * d.y, offsets[2] + d.y * d.y];
+        sum += d * light;
+    }
+    let ridge = RIDGE * (offsets[0] + offsets[2]);
+    let [xx, xy, yy] = [offsets[0] + ridge, offsets[1], offsets[2] + ridge];
+    let determinant = xx * yy - xy * xy;
+    if determinant <= 0.0 {
+        return Vec2::ZERO;
+    }
+    Vec2::new(sum.x * yy - sum.y * xy, sum.y * xx - sum.x * xy) / determinant
+}
+
+/// What to add to a slope that was expected, when two halves measured others: their noise is independent, so the
+/// product of what they add tells how much of it is true.
+fn agreed(a: Vec2, b: Vec2, expected: Vec2) -> Vec2 {
+    let (a, b) = (a - expected, b - expected);
+    let both = (a + b) * 0.5;
+    both * (a.dot(b) / both.length_squared().max(f32::MIN_POSITIVE)).clamp(0.0, 1.0)
+}
+
+fn limited(slope: Vec2) -> Vec2 {
+    slope * (STEEPEST / slope.abs().element_sum().max(STEEPEST))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_plane_is_found_again() {
+        let around = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.4, -0.9), (1.1, 1.0)];
+        let found = slope(around.map(|(x, y)| (Vec2::new(x, y), 0.3 * x - 0.2 * y)).into_iter());
+        assert!((found - Vec2::new(0.3, -0.2)).length() < 0.01, "{found}");
+    }
+
+    #[test]
+    fn along_a_line_the_slope_across_is_nothing() {
+        let found = slope([(Vec2::X, 1.0), (-Vec2::X, -1.0)].into_iter());
+        assert!((found - Vec2::X).length() < 0.02 && found.y.abs() < 1e-6);
+        assert_eq!(slope(core::iter::empty()), Vec2::ZERO);
+    }
+
+    #[test]
+    fn halves_that_agree_are_believed_and_others_are_not() {
+        let (expected, steep) = (Vec2::new(0.5, 0.0), Vec2::new(3.0, 1.0));
+        assert!((expected + agreed(steep, steep, expected) - steep).length() < 1e-6);
+        assert_eq!(agreed(steep, expected * 2.0 - steep, expected), Vec2::ZERO);
+        assert!(agreed(Vec2::new(1.5, 0.0), Vec2::new(0.6, 0.0), expected).x < 0.5 * 1.1);
+    }
+
+    #[test]
+    fn nothing_becomes_negative_within_the_texel() {
+        let found = limited(Vec2::new(40.0, -4.0));
+        assert!((1.0 - 0.5 * found.abs().element_sum()).abs() < 1e-6);
+        assert_eq!(limited(Vec2::new(0.4, -0.4)), Vec2::new(0.4, -0.4));
+    }
+}
