@@ -17,6 +17,7 @@ use texelwalk::base::distribution::Grid;
 use texelwalk::base::{Progress, Rgb, Stream, warp};
 use texelwalk::gather;
 use texelwalk::light;
+use texelwalk::patches::Tilts;
 use texelwalk::scene::{Class, Environment, Light, Material, Scene, Texture, TextureRef, Wrap};
 use texelwalk::walk::{self, Splat};
 
@@ -268,7 +269,7 @@ fn divided(scene: &Scene, rays: f32, told: f32) -> [f64; 3] {
         tracer: &stage.tracer,
         patches: p,
         radiance: [&black, &black],
-        tilts: &texelwalk::patches::Tilts::default(),
+        tilts: &Tilts::default(),
         sky: Some(&sky),
         seed: 7,
     };

@@ -15,6 +15,7 @@ use texelwalk::base::random::Stage as Random;
 use texelwalk::base::{Progress, Rgb, Stream};
 use texelwalk::finish::share;
 use texelwalk::gather;
+use texelwalk::patches::{Shine, Tilts};
 use texelwalk::scene::{Light, Material, Scene, Sky};
 use texelwalk::walk::{self, Splat, Walk};
 
@@ -146,7 +147,7 @@ fn furnace(name: &str, lines: u64, gather_rays: u32) -> (f64, f64) {
         tracer: &stage.tracer,
         patches: p,
         radiance: [&radiance, &radiance],
-        tilts: &texelwalk::patches::Tilts::default(),
+        tilts: &Tilts::default(),
         sky: None,
         seed: 9,
     };
@@ -367,4 +368,50 @@ fn error_of_the_classic_walk_falls_with_the_square_root_of_the_lines() {
     };
     let (few, many) = (error(40_000), error(640_000));
     assert!((few / many - 1.0).abs() < 0.15, "MSE × lines: {few} with 40,000, {many} with 640,000");
+}
+
+/// Irradiance of a ceiling by what a floor reflects, which an awning just above it covers and shades by half.
+fn ceiling_over_shade(texels_per_meter: f32, tilted: bool) -> f64 {
+    let floor = square(Vec3::ZERO, Vec3::Z, Vec3::X);
+    let awning = square(Vec3::new(0.5, 0.01, 0.0), Vec3::Z, Vec3::X * 0.5);
+    let below = square(Vec3::new(0.5, 0.009, 0.0), Vec3::X * 0.5, Vec3::Z);
+    let ceiling = square(Vec3::Y, Vec3::X, Vec3::Z);
+    let mut scene = support::scene_from_triangles(&[floor, awning, below, ceiling].concat());
+    scene.lights.push(Light::Point {
+        position: Vec3::new(0.5, 0.95, 0.5),
+        intensity: Rgb::ONE,
+        range: f32::INFINITY,
+        radius: 0.0,
+    });
+    let stage = Stage::new(&scene, texels_per_meter);
+    let p = &stage.patches;
+    let direct = stage.direct_halves(64, 1);
+    let mean: Vec<Rgb> = direct.halves[0].iter().zip(&direct.halves[1]).map(|(a, b)| (*a + *b) * 0.5).collect();
+    let grey: Vec<f32> = mean.iter().map(|e| e.x).collect();
+    let [a, b] = &direct.slopes;
+    let shine = Shine { all: &grey, direct: &grey, slopes: [a, b] };
+    let tilts = if tilted { Tilts::new(p, &stage.graph, &shine) } else { Tilts::default() };
+    // The awning is black, so that the floor alone is seen.
+    let on_floor = |i: usize| if p.position[i].y < 0.005 { 1.0 / std::f32::consts::PI } else { 0.0 };
+    let radiance: Vec<Rgb> = (0..p.len()).map(|i| mean[i] * on_floor(i)).collect();
+    let field = gather::Field {
+        tracer: &stage.tracer,
+        patches: p,
+        radiance: [&radiance, &radiance],
+        tilts: &tilts,
+        sky: None,
+        seed: 4,
+    };
+    let mut gathered = gather::Gathered::new(p);
+    gathered.add(&field, |_| 4096, &Progress::default());
+    let [found, _] = gathered.halves();
+    stage.mean(&found, |i| p.position[i].y > 0.5)
+}
+
+#[test]
+fn a_texel_cut_by_a_shadow_is_seen_from_its_bright_side() {
+    let truth = ceiling_over_shade(32.0, false);
+    let (even, tilted) = (ceiling_over_shade(1.0, false) / truth, ceiling_over_shade(1.0, true) / truth);
+    assert!(even < 0.75, "the texel is read as even: {even} of {truth}");
+    assert!((tilted - 1.0).abs() < 0.3 * (1.0 - even), "{tilted}, and {even} without tilts");
 }

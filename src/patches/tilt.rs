@@ -14,8 +14,10 @@
 //! Symbols, in this file only:
 //!   E  irradiance [lx], mean of the channels   d  offset between centroids [texels]   s  slope [lx per texel]
 //!
-//! Invariants: the mean over a texel stays what it is, as the plane goes through it at the centroid; even light stays
-//! even; no light is negative.
+//! Where the plane would be negative, light rises from 0 on a ramp of the same mean and slope instead.
+//!
+//! Invariants: the mean over a whole texel stays what it is (nearly, on ramps along a diagonal and on cut texels); even
+//! light stays even; no light is negative.
 
 use super::{PatchGraph, Patches};
 use crate::base::parallel;
@@ -23,8 +25,10 @@ use glam::Vec2;
 
 /// Added to the squared offsets, relative: where all neighbours lie on a line the slope across it is 0.
 const RIDGE: f32 = 1e-2;
-/// Most that light may change over a texel, relative to its mean: half a texel away it is 0.
-const STEEPEST: f32 = 2.0;
+/// Slope at which a plane reaches 0 on the border of the texel.
+const TOUCHING: f32 = 2.0;
+/// Steepest slope: all light lies within 3/8 of the texel's width.
+const STEEPEST: f32 = 4.5;
 
 /// Light on the patches, from which slopes are found.
 pub struct Shine<'a> {
@@ -91,13 +95,19 @@ impl Tilt {
     #[must_use]
     #[inline]
     pub fn at(&self, within: Vec2) -> f32 {
-        (1.0 + self.slope.dot(within - self.centroid)).max(0.0)
+        let (rise, steepness) = (self.slope.dot(within - self.centroid), self.slope.abs().element_sum());
+        if steepness <= TOUCHING {
+            return (1.0 + rise).max(0.0);
+        }
+        let width = ramp_width(steepness);
+        (rise / steepness - 0.5 + width).max(0.0) * (2.0 / (width * width))
     }
 
     /// Most that light can be at any point of a whole texel, over the mean.
     #[must_use]
     pub(super) fn most(&self) -> f32 {
-        1.0 + 0.5 * self.slope.abs().element_sum()
+        let steepness = self.slope.abs().element_sum();
+        if steepness <= TOUCHING { 1.0 + 0.5 * steepness } else { 2.0 / ramp_width(steepness) }
     }
 }
 
@@ -123,6 +133,12 @@ fn agreed(a: Vec2, b: Vec2, expected: Vec2) -> Vec2 {
     let (a, b) = (a - expected, b - expected);
     let both = (a + b) * 0.5;
     both * (a.dot(b) / both.length_squared().max(f32::MIN_POSITIVE)).clamp(0.0, 1.0)
+}
+
+/// Width of a ramp from 0 to the texel's border whose fitted slope is `steepness`, with a mean of 1 [texels]: the ramp's
+/// centre of gravity lies a third of the width from the border, and a slope is 12 times the centre of gravity.
+fn ramp_width(steepness: f32) -> f32 {
+    (6.0 - steepness) * 0.25
 }
 
 fn limited(slope: Vec2) -> Vec2 {
@@ -156,9 +172,22 @@ mod tests {
     }
 
     #[test]
-    fn nothing_becomes_negative_within_the_texel() {
-        let found = limited(Vec2::new(40.0, -4.0));
-        assert!((1.0 - 0.5 * found.abs().element_sum()).abs() < 1e-6);
-        assert_eq!(limited(Vec2::new(0.4, -0.4)), Vec2::new(0.4, -0.4));
+    fn nothing_is_negative_and_means_and_slopes_stay() {
+        for steep in [0.5f32, 1.9, 2.0, 2.1, 3.0, 4.5, 40.0] {
+            let tilt = Tilt { centroid: Vec2::splat(0.5), slope: limited(Vec2::new(0.0, -steep)) };
+            let n = 1000;
+            let (mut mean, mut moment, mut most) = (0.0, 0.0, 0.0f32);
+            for k in 0..n {
+                let y = (k as f32 + 0.5) / n as f32;
+                let light = tilt.at(Vec2::new(0.3, y));
+                assert!(light >= 0.0);
+                mean += f64::from(light) / f64::from(n);
+                moment += f64::from(light * (0.5 - y)) / f64::from(n);
+                most = most.max(light);
+            }
+            assert!((mean - 1.0).abs() < 1e-3, "{steep}: {mean}");
+            assert!((12.0 * moment / f64::from(steep.min(STEEPEST)) - 1.0).abs() < 1e-2, "{steep}: {moment}");
+            assert!(most <= tilt.most() && most > 0.98 * tilt.most(), "{steep}: {most}");
+        }
     }
 }
