@@ -14,6 +14,12 @@ pub fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
     (0..n).into_par_iter().map(&f).collect()
 }
 
+/// [`map`] for `f` of a few nanoseconds, which small tasks would cost more than they gain.
+pub fn map_light<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    const LEAST: usize = 1024;
+    (0..n).into_par_iter().with_min_len(LEAST).map(&f).collect()
+}
+
 /// `f(chunk range)` for consecutive ranges of at most `chunk` indices that cover 0..n, in order.
 pub fn map_chunks<T: Send>(n: usize, chunk: usize, f: impl Fn(core::ops::Range<usize>) -> T + Sync) -> Vec<T> {
     let chunk = chunk.max(1);

@@ -100,7 +100,7 @@ impl Network {
         if steps > FEW {
             return self.leap(field, steps as f64);
         }
-        (0..steps).fold(field, |field, _| parallel::map(field.len(), |i| field[i] + self.change(&field, i, 1.0)))
+        (0..steps).fold(field, |field, _| parallel::map_light(field.len(), |i| field[i] + self.change(&field, i, 1.0)))
     }
 
     /// Many steps at once, by a Chebyshev polynomial of a step.
@@ -113,13 +113,15 @@ impl Network {
         let (n, w0) = (f64::from(stages), libm::cosh(theta));
         let w1 = libm::sinh(theta) / (n * libm::tanh(n * theta));
         let chebyshev = |j: u32| libm::cosh(f64::from(j) * theta);
-        let mut last = parallel::map(field.len(), |i| field[i] + self.change(&field, i, (steps * w1 / w0) as f32));
+        let mut last =
+            parallel::map_light(field.len(), |i| field[i] + self.change(&field, i, (steps * w1 / w0) as f32));
         let mut before = field;
         for j in 2..=stages {
             let weight = 2.0 * chebyshev(j - 1) / chebyshev(j);
             let (gain, scale) = ((weight * w0) as f32, (weight * w1 * steps) as f32);
-            let next =
-                parallel::map(last.len(), |i| before[i] + (last[i] - before[i]) * gain + self.change(&last, i, scale));
+            let next = parallel::map_light(last.len(), |i| {
+                before[i] + (last[i] - before[i]) * gain + self.change(&last, i, scale)
+            });
             (before, last) = (last, next);
         }
         last

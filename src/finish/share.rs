@@ -70,7 +70,7 @@ impl Errors {
     #[must_use]
     pub fn of_noise(halves: &[Vec<Rgb>; 2]) -> Self {
         let [a, b] = halves;
-        let noise = parallel::map(a.len(), |i| 0.25 * (a[i] - b[i]).length_squared());
+        let noise = parallel::map_light(a.len(), |i| 0.25 * (a[i] - b[i]).length_squared());
         Self { bias: vec![0.0; a.len()], noise }
     }
 
@@ -123,7 +123,7 @@ pub fn share(
     along: Option<&mut Vec<Rgb>>,
 ) -> Errors {
     let [a, b] = halves;
-    let raw = parallel::map(a.len(), |i| Pair(a[i], b[i]));
+    let raw = parallel::map_light(a.len(), |i| Pair(a[i], b[i]));
     let network = Network::new(patches, graph, raw.len());
     let wanted = bandwidth(&network, &Cells::new(patches, raw.len()), &raw);
     let steps = widest(&wanted);
@@ -133,9 +133,9 @@ pub fn share(
         *part = network.flow(core::mem::take(part), steps);
     }
     let difference = |p: Pair| (p.0 - p.1).length_squared();
-    let noise = parallel::map(raw.len(), |i| 0.25 * WIDER * difference(shared[i]));
+    let noise = parallel::map_light(raw.len(), |i| 0.25 * WIDER * difference(shared[i]));
     let seen = |i: usize| judged(shared[i], raw[i]) - 0.5 * difference(raw[i]) - 0.25 * difference(shared[i]);
-    let bias = parallel::map(raw.len(), |i| WIDER * seen(i));
+    let bias = parallel::map_light(raw.len(), |i| WIDER * seen(i));
     for (i, pair) in shared.into_iter().enumerate() {
         (a[i], b[i]) = (pair.0, pair.1);
     }
@@ -149,7 +149,7 @@ fn bandwidth(network: &Network, cells: &Cells, raw: &[Pair]) -> Vec<f32> {
     for steps in LEVELS {
         field = network.flow(field, steps - before);
         before = steps;
-        let q = parallel::map(raw.len(), |i| judged(field[i], raw[i]));
+        let q = parallel::map_light(raw.len(), |i| judged(field[i], raw[i]));
         let (near, around) = (network.flow(q.clone(), JUDGE_STEPS), cells.mean(&q));
         let q = near.into_iter().zip(around).map(|(n, a)| n + (a - n) * CELL_WEIGHT);
         let mut chosen = 0;

@@ -41,8 +41,7 @@ impl Patches {
     }
 
     /// Centroid of the exposed part of a front patch [texels from the texel's corner].
-    #[must_use]
-    pub fn centroid(&self, front: usize) -> Vec2 {
+    pub(super) fn centroid_of(&self, front: usize) -> Vec2 {
         let range = self.fragments.range(front);
         let whole = range.len() == 1 && self.fragments.covered[range.start] > 0.999_999;
         if whole && self.mask[front] == u64::MAX {

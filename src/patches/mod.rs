@@ -7,7 +7,7 @@
 //! Invariants (tests in `tests/patches.rs`): the areas of the front patches add up to the charted area; a texel has at
 //! most one front patch; links are symmetric and join patches of one chart and one side.
 //!
-//! Memory: about 110 bytes per patch here (structure of arrays), 60 more in the solver.
+//! Memory: about 120 bytes per patch here (structure of arrays), 60 more in the solver.
 //!
 //! Limits: a texel that is cut by a sheet without thickness belongs to both sides of it.
 
@@ -25,7 +25,7 @@ pub use surface::{PatchSurface, Spot};
 pub use tilt::{Shine, Tilt, Tilts};
 
 use crate::atlas::Atlas;
-use crate::base::{Progress, Rgb};
+use crate::base::{Progress, Rgb, parallel};
 use crate::scene::Scene;
 use crate::trace::{Hit, Tracer};
 use glam::{Vec2, Vec3};
@@ -54,6 +54,8 @@ pub struct Patches {
     pub texel: Vec<u32>,
     /// Width and height of the pages [texels].
     pub page_size: [u32; 2],
+    /// Centroid of the exposed part of each front patch [texels from the texel's corner].
+    pub centroid: Vec<Vec2>,
     /// Front patch of each back patch, by index − `front`.
     pub front_of: Vec<u32>,
     back_of: Vec<u32>,
@@ -103,6 +105,7 @@ impl Patches {
     pub fn new(tracer: &Tracer<'_>, atlas: &Atlas, progress: &Progress) -> Self {
         let mut patches = texel::patches(tracer.scene(), atlas);
         exposed::find(&mut patches, tracer, progress);
+        patches.centroid = parallel::map(patches.front, |i| patches.centroid_of(i));
         patches
     }
 
@@ -158,7 +161,7 @@ impl Patches {
     #[must_use]
     pub fn bytes(&self) -> usize {
         self.len() * (12 + 12 + 4 + 4 + 12)
-            + self.front * (4 + 4 + 4 + 4 + 8)
+            + self.front * (4 + 4 + 4 + 4 + 8 + 8)
             + self.grid.len() * 4
             + self.fragments.triangle.len() * 8
             + self.surface.len() * size_of::<SurfaceTriangle>()

@@ -59,11 +59,10 @@ impl Tilts {
     /// Fits planes to the light.
     #[must_use]
     pub fn new(patches: &Patches, graph: &PatchGraph, light: &Shine<'_>) -> Self {
-        let centroid = parallel::map(patches.front, |i| patches.centroid(i));
         let at = |patch: usize| {
             let front = patches.front_patch(patch);
             let (x, y) = patches.texel_xy(front);
-            (Vec2::new(x as f32, y as f32), centroid[front])
+            (Vec2::new(x as f32, y as f32), patches.centroid[front])
         };
         let tilt = |i: usize| {
             let (corner, centroid) = at(i);

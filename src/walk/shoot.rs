@@ -3,6 +3,9 @@
 //! Lines are numbered; line k starts on the patch that holds position (k + offset)/n of the running sum of unshot
 //! power. Lines are traced in chunks of consecutive numbers, so a chunk walks along the patches and their memory; their
 //! ends are sorted by patch before flux is added, for the same reason: the paper's splat touches nine patches per line.
+//!
+//! Tried: patches along a Z-order curve instead of row by row. On office, cornell and two rooms (12,000 texels, two seeds,
+//! with and without gather) the error was the same within its spread of 5 %.
 
 use super::accumulate::Arrivals;
 use super::deposit::{Arrival, deposit};
@@ -14,8 +17,17 @@ use crate::patches::{PatchGraph, PatchSurface, Patches, Tilt, Tilts};
 use crate::trace::{Line, Ray, Tracer};
 use glam::{DVec3, Vec2};
 
-/// Lines per parallel task: enough to outweigh its start, few enough for two hundred tasks in a million lines.
-const CHUNK: usize = 4096;
+/// Most lines per parallel task: two hundred tasks in a million lines.
+const MOST_CHUNK: u64 = 4096;
+/// Least: enough to outweigh the start of a task.
+const LEAST_CHUNK: u64 = 256;
+/// Tasks of an iteration with few lines; late bounces have some hundred.
+const TASKS: u64 = 16;
+
+/// Lines per parallel task.
+fn chunk(lines: u64) -> usize {
+    (lines / TASKS).clamp(LEAST_CHUNK, MOST_CHUNK) as usize
+}
 
 /// Everything that stays the same from bounce to bounce.
 pub(super) struct Shooter<'a> {
@@ -38,7 +50,7 @@ impl Shooter<'_> {
     /// Shoots `lines` lines of the emitters.
     pub(super) fn emitted(&self, emitted: &EmittedLines<'_>, lines: u64) -> (Vec<Rgb>, Bounce) {
         let arrivals = Arrivals::new(self.patches.len(), 8.0 * f64::from(emitted.flux.max_element()));
-        let tallies = parallel::map_chunks(lines as usize, CHUNK, |range| {
+        let tallies = parallel::map_chunks(lines as usize, chunk(lines), |range| {
             let (mut tally, mut ends) = (Tally::default(), Vec::with_capacity(range.len()));
             self.progress.advance(range.len() as u64);
             for k in range.filter(|_| !self.progress.cancelled()) {
@@ -66,7 +78,7 @@ impl Shooter<'_> {
         let offset = Stream::new(self.settings.seed, Stage::Walk, u64::from(bounce), u64::MAX).next_f64();
         let sequence = Sequence::new(mix(self.settings.seed ^ mix(u64::from(bounce) + 1)));
         let step = total / lines as f64;
-        let tallies = parallel::map_chunks(lines as usize, CHUNK, |range| {
+        let tallies = parallel::map_chunks(lines as usize, chunk(lines), |range| {
             let (mut tally, mut ends) = (Tally::default(), Vec::with_capacity(range.len()));
             self.progress.advance(range.len() as u64);
             let mut prepared: Option<(usize, PatchSurface<'_>)> = None;
