@@ -415,3 +415,54 @@ fn a_texel_cut_by_a_shadow_is_seen_from_its_bright_side() {
     assert!(even < 0.75, "the texel is read as even: {even} of {truth}");
     assert!((tilted - 1.0).abs() < 0.3 * (1.0 - even), "{tilted}, and {even} without tilts");
 }
+
+/// Every square a part of its own, so that it has a chart of its own.
+fn squares_apart(squares: &[[[Vec3; 3]; 2]]) -> Scene {
+    let mut scene = support::scene_from_triangles(squares.as_flattened());
+    let part = scene.parts.remove(0);
+    for k in 0..squares.len() as u32 {
+        let mut own = part.clone();
+        (own.triangles, own.vertices) = (2 * k..2 * k + 2, 6 * k..6 * k + 6);
+        own.mesh = k as usize;
+        scene.parts.push(own);
+    }
+    scene.triangle_part = (0..scene.triangles.len() as u32).map(|t| t / 2).collect();
+    scene
+}
+
+#[test]
+fn light_is_shared_across_charts_where_the_surface_goes_on_and_nowhere_else() {
+    let tile = |x: f32| square(Vec3::new(x, 0.0, 0.0), Vec3::Z, Vec3::X);
+    let wall = square(Vec3::new(2.0, -0.1, 0.0), Vec3::Z, Vec3::Y * 0.4);
+    // Two tiles side by side, a wall, a third tile, and a fourth behind a gap of half a texel.
+    let scene = squares_apart(&[tile(0.0), tile(1.0), wall, tile(2.0), tile(3.0 + 0.5 / 8.0)]);
+    let stage = Stage::new(&scene, 8.0);
+    let p = &stage.patches;
+    let mut linked = 0;
+    for i in 0..p.front {
+        for j in stage.graph.across(i).map(|j| j as usize) {
+            assert!(stage.graph.across(j).any(|back| back as usize == i), "{i} to {j}, and not back");
+            let [a, b] = [p.position[i], p.position[j]];
+            assert!((a.x - 1.0) * (b.x - 1.0) < 0.0 && a.distance(b) < 0.16, "{a} and {b}");
+            linked += 1;
+        }
+    }
+    assert!(linked >= 16, "{linked} links across the seam");
+
+    let mut stream = Stream::new(3, Random::Walk, 0, 0);
+    let mut half = || -> Vec<Rgb> { (0..p.front).map(|_| Rgb::splat(0.5 + stream.next_f32())).collect() };
+    let (mut a, mut b) = (half(), half());
+    let flux = |e: &[Rgb], low: f32, high: f32| -> f64 {
+        let own = |&i: &usize| p.position[i].y.abs() < 1e-3 && (low..high).contains(&p.position[i].x);
+        (0..p.front).filter(own).map(|i| f64::from(e[i].x * p.exposed_area(i))).sum()
+    };
+    let before = [flux(&a, 0.0, 1.0), flux(&a, 1.0, 2.0), flux(&a, 2.0, 3.0)];
+    share(p, &stage.graph, [&mut a, &mut b], None);
+    let after = [flux(&a, 0.0, 1.0), flux(&a, 1.0, 2.0), flux(&a, 2.0, 3.0)];
+    assert!((after[0] + after[1] - before[0] - before[1]).abs() < 1e-5, "flux of the two tiles: {before:?}, {after:?}");
+    assert!((after[0] - before[0]).abs() > 1e-4, "nothing crossed the seam: {before:?}, {after:?}");
+    assert!((after[2] - before[2]).abs() < 1e-5, "light crossed the wall: {before:?}, {after:?}");
+    let (mut a, mut b) = (vec![Rgb::ONE; p.front], vec![Rgb::ONE; p.front]);
+    share(p, &stage.graph, [&mut a, &mut b], None);
+    assert!(a.iter().all(|e| (*e - Rgb::ONE).abs().max_element() < 1e-5));
+}

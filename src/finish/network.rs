@@ -5,8 +5,8 @@
 //! distance alone (the paper's eq. (4)) is not reversible: on a chain of five patches with areas 1 1 1 1 0.1 it turns
 //! constant 1 into up to 3.
 //!
-//! Light flows between the four neighbours of the texel grid. A step moves it by one texel with probability [`STEP`]
-//! per link, a variance of 2·STEP texels² per axis.
+//! Light flows between the four neighbours of the texel grid, and across borders of charts where the surface goes on. A
+//! step moves it by one texel with probability [`STEP`] per link, a variance of 2·STEP texels² per axis.
 //!
 //! Many steps are taken together: s rounds go as far as about s²/4 steps. Source: van der Houwen, Sommeijer, "On the
 //! internal stability of explicit, m-stage Runge-Kutta methods for large m-values", ZAMM 60, 1980 (first order), with
@@ -60,16 +60,21 @@ impl<T: Copy + Send + Sync + Add<Output = T> + Sub<Output = T> + Mul<f32, Output
 impl Network {
     /// Full conductances between the first `n` patches.
     pub(super) fn new(patches: &Patches, graph: &PatchGraph, n: usize) -> Self {
+        // What is left of four links goes to those across the border of the chart.
+        let spare = parallel::map(n, |i| {
+            let across = graph.across(i).filter(|&j| (j as usize) < n).count();
+            (4.0 - graph.sides(patches, i).count() as f32).min(across as f32) / across.max(1) as f32
+        });
         let row = |i: usize| {
-            let (x, y) = patches.texel_xy(patches.front_patch(i));
             let area = patches.exposed_area(i);
-            let beside = |j: usize| {
-                let (u, v) = patches.texel_xy(patches.front_patch(j));
-                u.abs_diff(x) + v.abs_diff(y) == 1
+            let rate = |j: u32, share: f32| {
+                let least = area.min(patches.exposed_area(j as usize));
+                (j, share * STEP * least / area.max(f32::MIN_POSITIVE))
             };
-            let rate = |j: usize| STEP * area.min(patches.exposed_area(j)) / area.max(f32::MIN_POSITIVE);
-            let links = graph.neighbors(i).iter().filter(|&&j| (j as usize) < n && beside(j as usize));
-            links.map(|&j| (j, rate(j as usize))).collect::<Vec<_>>()
+            let beside = graph.sides(patches, i).map(|j| rate(j, 1.0));
+            let across =
+                graph.across(i).filter(|&j| (j as usize) < n).map(|j| rate(j, spare[i].min(spare[j as usize])));
+            beside.filter(|&(j, _)| (j as usize) < n).chain(across).collect::<Vec<_>>()
         };
         Self::from_rows(parallel::map_chunks(n, 1 << 12, |range| range.map(row).collect::<Vec<_>>()))
     }

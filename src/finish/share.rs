@@ -25,8 +25,6 @@
 //!
 //! Tried: the flow corrected by what it does to itself, 2F − F², which bends less: squared errors 1 to 4 % lower, for
 //! twice the time.
-//!
-//! Limits: sharing stops at chart borders.
 
 use super::cells::Cells;
 use super::network::Network;

@@ -25,9 +25,9 @@ impl Patches {
         rows.fold(0, |near, row| near | columns << row) & self.mask[front] != 0
     }
 
-    /// Calls `visit(point, within, area)` for each cell of an n × n grid over the texel that the exposed part of the patch
-    /// touches; the point also from the texel's corner [texels], areas in texel². A partly hidden texel is cut at least as finely as its mask, so that the centroid of a
-    /// cell speaks for all of it.
+    /// Calls `visit(point, within, area)` for each cell of an n × n grid over the texel that the exposed part of the
+    /// patch touches; the point also from the texel's corner [texels], areas in texel². A partly hidden texel is cut at
+    /// least as finely as its mask, so that the centroid of a cell speaks for all of it.
     pub fn cells(&self, patch: usize, n: u32, mut visit: impl FnMut(SurfacePoint, Vec2, f32)) {
         let front = self.front_patch(patch);
         let n = if self.mask[front] == u64::MAX { n } else { n.max(MASK_GRID) };

@@ -4,11 +4,12 @@
 //! [`COS_FACING`], and see each other along two short segments above the surface, one close to it and one higher. So no
 //! link crosses a wall that stands on the floor, or joins the top of a table to its edge.
 //!
-//! Invariants: symmetric, no duplicates, at most eight per patch, neighbours ascending.
+//! These are the links of the paper. Where the surface goes on beyond a chart's border, other links join what lies side
+//! by side there ([`seams`](super::seams)).
 //!
-//! Limits: links end at chart borders, also where the surface goes on.
+//! Invariants: symmetric, no duplicates, at most eight per patch, neighbours ascending.
 
-use super::{NO_PATCH, Patches};
+use super::{NO_PATCH, Patches, seams};
 use crate::base::{Progress, parallel};
 use crate::trace::{Ray, Tracer};
 
@@ -28,6 +29,8 @@ const FORWARD: [(i32, i32); 4] = [(1, 0), (0, 1), (1, 1), (-1, 1)];
 pub struct PatchGraph {
     first: Vec<u32>,
     neighbors: Vec<u32>,
+    /// Both directions of the links across borders of charts, ascending.
+    across: Vec<[u32; 2]>,
 }
 
 impl PatchGraph {
@@ -49,7 +52,9 @@ impl PatchGraph {
             });
             [straight[i][0], straight[i][1], diagonal[0], diagonal[1]]
         });
-        Self::from_forward(&links)
+        let mut graph = Self::from_forward(&links);
+        graph.across = seams::find(patches, tracer, |i| graph.sides(patches, i).count(), progress);
+        graph
     }
 
     fn from_forward(links: &[[u32; 4]]) -> Self {
@@ -78,7 +83,7 @@ impl PatchGraph {
         for i in 0..links.len() {
             neighbors[first[i] as usize..first[i + 1] as usize].sort_unstable();
         }
-        Self { first, neighbors }
+        Self { first, neighbors, across: vec![] }
     }
 
     /// Linked patches of a patch, ascending.
@@ -87,7 +92,22 @@ impl PatchGraph {
         &self.neighbors[self.first[patch] as usize..self.first[patch + 1] as usize]
     }
 
-    /// Number of directed links.
+    /// Linked patches that share a side of the texel.
+    pub fn sides<'a>(&'a self, patches: &'a Patches, patch: usize) -> impl Iterator<Item = u32> + 'a {
+        let (x, y) = patches.texel_xy(patches.front_patch(patch));
+        self.neighbors(patch).iter().copied().filter(move |&j| {
+            let (u, v) = patches.texel_xy(patches.front_patch(j as usize));
+            u.abs_diff(x) + v.abs_diff(y) == 1
+        })
+    }
+
+    /// Patches that lie side by side with one in another chart, or beyond a cut of its own.
+    pub fn across(&self, patch: usize) -> impl Iterator<Item = u32> + '_ {
+        let start = self.across.partition_point(|link| (link[0] as usize) < patch);
+        self.across[start..].iter().take_while(move |link| link[0] as usize == patch).map(|link| link[1])
+    }
+
+    /// Number of directed links within charts.
     #[must_use]
     pub fn len(&self) -> usize {
         self.neighbors.len()
@@ -102,7 +122,7 @@ impl PatchGraph {
     /// Bytes held.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        4 * (self.first.len() + self.neighbors.len())
+        4 * (self.first.len() + self.neighbors.len()) + 8 * self.across.len()
     }
 }
 
@@ -190,7 +210,7 @@ fn goes_around(patches: &Patches, straight: &[[u32; 2]], i: usize, j: u32, k: us
     over_left || (below != NO_PATCH && straight[j as usize][0] == below)
 }
 
-fn linked(patches: &Patches, tracer: &Tracer<'_>, i: usize, j: usize) -> bool {
+pub(super) fn linked(patches: &Patches, tracer: &Tracer<'_>, i: usize, j: usize) -> bool {
     if patches.exposed[i] <= 0.0 || patches.exposed[j] <= 0.0 {
         return false;
     }

@@ -15,6 +15,7 @@ mod cells;
 mod exposed;
 mod graph;
 mod place;
+mod seams;
 mod surface;
 mod texel;
 mod tilt;

@@ -5,7 +5,10 @@
 //!
 //! A texel that the edge of a shadow crosses is not seen evenly: what lights its bright part, a lamp below the ceiling,
 //! and what looks at it, the ceiling, lie on the same side. Taken as even, the ceiling of office was 1.5 % too dark at 7
-//! texels per metre, and corners got the mean of a texel where they see its dark edge.
+//! texels per metre, and corners got the mean of a texel where they see its dark edge. Against Mitsuba (12,000 texels),
+//! NRMSE fell from 2.2 to 1.8 % with the rays of `production`, and from 1.4 to 0.8 % with 16 times as many. Step by step,
+//! with 4 times as many and judged on some texels more: even 1.67 %, planes through neighbours 1.59 %, slopes of the
+//! samples 1.53 %, starts of the walk as well 1.38 %; ramps (below) came last.
 //!
 //! The slope is that of the plane through the light of the linked neighbours, by least squares. Direct light brings a
 //! slope of its own, by the samples within the texel: an edge of a shadow inside is three times as steep as neighbours

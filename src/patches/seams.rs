@@ -1,0 +1,119 @@
+//! Links across the borders of charts: texels of two charts, or of two meshes, that lie side by side on one surface.
+//!
+//! In: patches, and how many of its four sides each has linked within its chart. Out: pairs of patches. The texel grid
+//! knows nothing of them, so they are found in space: the centroids are closer than [`NEAR`] texel edges and lie in one
+//! plane, the normals agree, and the two see each other as linked texels do.
+//!
+//! Invariants: symmetric, no duplicates, at most [`MOST`] links that a patch chose itself; the same at any thread count.
+//!
+//! Limits: where texels are much larger than the median, or so much smaller that [`CROWD`] of them fit into a cell of
+//! space, some links are missing.
+
+use super::Patches;
+use super::graph::linked;
+use crate::base::{Progress, parallel};
+use crate::trace::Tracer;
+use glam::{IVec3, Vec3};
+use rayon::slice::ParallelSliceMut;
+
+/// Distance of centroids in mean texel edges, below which texels may touch: 1 for whole ones side by side.
+const NEAR: f32 = 1.2;
+/// Distance of a centroid from the other's plane, in texel edges: half the bend of the sharpest link (10°), and a little.
+const OFF_PLANE: f32 = 0.12;
+/// Links that a patch looks for.
+const MOST: usize = 2;
+/// Candidates that are looked at, nearest first: each costs rays.
+const LOOKS: usize = 4;
+
+/// Cell of space in median texel edges: of even texels, all that are near lie in the cells around.
+const CELL: f32 = 1.25 * NEAR;
+/// Most patches that are looked at in three cells in a row, so that time stays in proportion to the patches.
+const CROWD: usize = 256;
+
+/// Border patches by the cell of space that they lie in.
+struct Lattice {
+    cell: f32,
+    /// Cell and patch, ascending.
+    members: Vec<([i32; 3], u32)>,
+}
+
+/// Both directions of all links, ascending.
+pub(super) fn find(
+    patches: &Patches,
+    tracer: &Tracer<'_>,
+    sides: impl Fn(usize) -> usize + Sync,
+    progress: &Progress,
+) -> Vec<[u32; 2]> {
+    let border: Vec<u32> =
+        (0..patches.len()).filter(|&i| patches.exposed[i] > 0.0 && sides(i) < 4).map(|i| i as u32).collect();
+    let lattice = Lattice::new(patches, &border);
+    let found = parallel::map_watched(border.len(), progress, |k| lattice.links(patches, tracer, border[k] as usize));
+    let mut links: Vec<[u32; 2]> = vec![];
+    for (&i, chosen) in border.iter().zip(found) {
+        links.extend(chosen.into_iter().flat_map(|j| [[i, j], [j, i]]));
+    }
+    links.par_sort_unstable();
+    links.dedup();
+    links
+}
+
+impl Lattice {
+    fn new(patches: &Patches, border: &[u32]) -> Self {
+        let mut edges = parallel::map(border.len(), |k| patches.texel_edge(border[k] as usize));
+        let middle = edges.len() / 2;
+        let median = if edges.is_empty() { 1.0 } else { *edges.select_nth_unstable_by(middle, f32::total_cmp).1 };
+        let mut lattice = Self { cell: (CELL * median).max(f32::MIN_POSITIVE), members: vec![] };
+        lattice.members = parallel::map(border.len(), |k| {
+            (lattice.cell_of(patches.position[border[k] as usize]).to_array(), border[k])
+        });
+        lattice.members.par_sort_unstable();
+        lattice
+    }
+
+    fn cell_of(&self, position: Vec3) -> IVec3 {
+        (position / self.cell).floor().as_ivec3()
+    }
+
+    /// Calls `visit` for the patches in the 27 cells around a position.
+    fn around(&self, position: Vec3, mut visit: impl FnMut(usize)) {
+        let middle = self.cell_of(position);
+        for k in 0..9 {
+            // Cells along z follow each other.
+            let row = middle + IVec3::new(k % 3 - 1, k / 3 - 1, 0);
+            let key = |dz: i32| [row.x, row.y, row.z.saturating_add(dz)];
+            let start = self.members.partition_point(|m| m.0 < key(-1));
+            self.members[start..].iter().take(CROWD).take_while(|m| m.0 <= key(1)).for_each(|m| visit(m.1 as usize));
+        }
+    }
+
+    fn links(&self, patches: &Patches, tracer: &Tracer<'_>, i: usize) -> Vec<u32> {
+        let mut near: Vec<(f32, u32)> = vec![];
+        self.around(patches.position[i], |j| {
+            if let Some(distance) = beside(patches, i, j) {
+                near.push((distance, j as u32));
+            }
+        });
+        near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let sees = |&(_, j): &(f32, u32)| linked(patches, tracer, i, j as usize);
+        near.into_iter().take(LOOKS).filter(sees).take(MOST).map(|(_, j)| j).collect()
+    }
+}
+
+/// Distance between two patches in texel edges, if they can be side by side and the texel grid does not know.
+fn beside(patches: &Patches, i: usize, j: usize) -> Option<f32> {
+    if i == j || patches.is_back(i) != patches.is_back(j) || on_grid(patches, i, j) {
+        return None;
+    }
+    let offset = patches.position[j] - patches.position[i];
+    let edge = 0.5 * (patches.texel_edge(i) + patches.texel_edge(j));
+    let distance = offset.length() / edge;
+    let off_plane = offset.dot(patches.normal[i]).abs().max(offset.dot(patches.normal[j]).abs()) / edge;
+    (distance < NEAR && off_plane < OFF_PLANE).then_some(distance)
+}
+
+/// The texels are neighbours in one chart.
+fn on_grid(patches: &Patches, i: usize, j: usize) -> bool {
+    let [i, j] = [i, j].map(|patch| patches.front_patch(patch));
+    let ((x, y), (u, v)) = (patches.texel_xy(i), patches.texel_xy(j));
+    patches.chart[i] == patches.chart[j] && patches.page(i) == patches.page(j) && x.abs_diff(u).max(y.abs_diff(v)) <= 1
+}
