@@ -3,10 +3,10 @@
 //! In: radiosity of the patches (by the walk and direct light), and the sky. Out: irradiance of the front patches, as
 //! two halves that share no random number, so that their difference tells the error.
 //!
-//! Each ray reads `B = ρ(E_direct + E_indirect)/π` where it lands, E linear over the texel (`patches::Tilts`); an emitter's own light counts as direct and is not
-//! read. What leaves the scene reads the sky, or the part of it that shadow rays leave to the gather: it comes for free,
-//! and where walls are bright, what rays find of sky and of walls balances. Starting points are spread over the exposed
-//! part of the texel.
+//! Each ray reads `B = ρ(E_direct + E_indirect)/π` where it lands, with E as it changes over the texel
+//! (`patches::Tilts`); an emitter's own light counts as direct and is not read. What leaves the scene reads the sky, or
+//! the part of it that shadow rays leave to the gather: it comes for free, and where walls are bright, what rays find of
+//! sky and of walls balances. Starting points are spread over the exposed part of the texel.
 //!
 //! Directions and starting points are one Owen-scrambled low-discrepancy sequence per tile of [`TILE`] texels, dealt
 //! out along its Z-order curve: the rays of a texel are well spread, and those of a block of texels together as well,

@@ -1,6 +1,7 @@
 //! From a hit to its patch, and from a patch to its place on the page.
 //!
-//! Invariant: with [`Patches::receives`], a patch receives no light where it is inside another solid.
+//! Invariant: with [`Patches::receives`], a patch receives no light where it is inside another solid, a cell of the
+//! exposure mask along its border aside.
 
 use super::surface::Map;
 use super::{NO_PATCH, Patches};

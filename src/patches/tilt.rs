@@ -79,7 +79,7 @@ impl Tilts {
             if let [Some(a), Some(b)] = light.slopes.map(|half| half.get(i)) {
                 slope += agreed(*a, *b, around(light.direct));
             }
-            Tilt { centroid, slope: limited(slope / light.all[i].max(f32::MIN_POSITIVE)) }
+            Tilt { centroid, slope: relative(slope, light.all[i]) }
         };
         Self { tilts: parallel::map(patches.len(), tilt) }
     }
@@ -143,6 +143,12 @@ fn ramp_width(steepness: f32) -> f32 {
     (6.0 - steepness) * 0.25
 }
 
+/// The slope over the light, as far as it can be; 0 in the dark.
+fn relative(slope: Vec2, light: f32) -> Vec2 {
+    let slope = slope / light;
+    if slope.is_finite() { limited(slope) } else { Vec2::ZERO }
+}
+
 fn limited(slope: Vec2) -> Vec2 {
     slope * (STEEPEST / slope.abs().element_sum().max(STEEPEST))
 }
@@ -171,6 +177,17 @@ mod tests {
         assert!((expected + agreed(steep, steep, expected) - steep).length() < 1e-6);
         assert_eq!(agreed(steep, expected * 2.0 - steep, expected), Vec2::ZERO);
         assert!(agreed(Vec2::new(1.5, 0.0), Vec2::new(0.6, 0.0), expected).x < 0.5 * 1.1);
+    }
+
+    #[test]
+    fn in_the_dark_slopes_are_numbers() {
+        for light in [0.0, 1e-45, f32::MIN_POSITIVE, 1e-30] {
+            for steep in [0.0, 1.0, 1e5, f32::MAX] {
+                let tilt = Tilt { centroid: Vec2::splat(0.5), slope: relative(Vec2::new(steep, -steep), light) };
+                let seen = tilt.at(Vec2::new(0.9, 0.2));
+                assert!(seen.is_finite() && seen <= tilt.most(), "{light} lx, {steep} lx per texel: {seen}");
+            }
+        }
     }
 
     #[test]
