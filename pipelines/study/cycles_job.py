@@ -30,7 +30,7 @@ import parity  # noqa: E402
 from pictures import interior, read_exr  # noqa: E402
 
 # A texel is looked at for buried parts on this many points per side.
-FINE = 4
+FINE = 8
 # Texels that are made up around charts before denoising: the padding between charts is 4.
 MARGIN = 8
 

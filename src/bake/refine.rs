@@ -17,7 +17,7 @@ use crate::base::random::mix;
 use crate::base::{Rgb, Warning};
 use crate::finish::{self, Errors};
 use crate::output::report;
-use crate::settings::SplatMode;
+use crate::settings::{Aov, SplatMode};
 
 /// Seconds to hold back for putting files in place.
 const WRITE_SECONDS: f64 = 0.1;
@@ -103,7 +103,8 @@ fn share(setup: &Setup<'_>, halves: &mut Halves) -> [Errors; 2] {
         let [a, b] = halves;
         finish::share(setup.patches, setup.graph, [a, b], along)
     };
-    let indirect = flow(&mut halves.indirect, Some(&mut halves.sky));
+    let splits = setup.settings.aov.iter().any(|aov| matches!(aov, Aov::Direct | Aov::Indirect));
+    let indirect = flow(&mut halves.indirect, splits.then_some(&mut halves.sky));
     let direct = flow(&mut halves.direct, None);
     [direct, indirect]
 }

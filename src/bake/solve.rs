@@ -15,7 +15,7 @@
 use super::clock::{Clock, Stop};
 use super::power;
 use crate::base::random::mix;
-use crate::base::{Progress, Rgb, parallel};
+use crate::base::{Progress, Rgb, color, parallel};
 use crate::finish;
 use crate::gather::{self, Gathered};
 use crate::light::{self, Emitters, shoot};
@@ -220,8 +220,8 @@ impl<'a> Solver<'a> {
     /// How direct light changes over the texels.
     fn direct_tilts(&self, setup: &Setup<'_>, direct: &[Rgb]) -> Tilts {
         let sky = mean(&self.sky);
-        let all = parallel::map(direct.len(), |i| grey(direct[i]));
-        let known = parallel::map(direct.len(), |i| grey(direct[i] - sky[i]));
+        let all = parallel::map(direct.len(), |i| color::mean(direct[i]));
+        let known = parallel::map(direct.len(), |i| color::mean(direct[i] - sky[i]));
         self.tilts(setup, &all, &known)
     }
 
@@ -250,8 +250,8 @@ impl<'a> Solver<'a> {
             })?;
         }
         let straight = |h: usize, i: usize| direct[i] - sky[i] + straight[h][i];
-        let known = parallel::map(patches.len(), |i| grey(straight(0, i) + straight(1, i)) * 0.5);
-        let all = parallel::map(patches.len(), |i| known[i] + grey(smooth[0][i] + smooth[1][i]) * 0.5);
+        let known = parallel::map(patches.len(), |i| color::mean(straight(0, i) + straight(1, i)) * 0.5);
+        let all = parallel::map(patches.len(), |i| known[i] + color::mean(smooth[0][i] + smooth[1][i]) * 0.5);
         let radiance = |h: usize| {
             parallel::map(patches.len(), |i| patches.reflectance[i] * (straight(h, i) + smooth[h][i]) * FRAC_1_PI)
         };
@@ -298,11 +298,6 @@ impl<'a> Solver<'a> {
             },
         }
     }
-}
-
-/// Mean of the channels.
-fn grey(light: Rgb) -> f32 {
-    light.element_sum() / 3.0
 }
 
 /// Mean of two halves.

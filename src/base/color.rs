@@ -11,6 +11,12 @@ pub fn luminance(color: Rgb) -> f32 {
     color.x * 0.2126 + color.y * 0.7152 + color.z * 0.0722
 }
 
+/// Mean of the channels, in the unit of the colour.
+#[must_use]
+pub fn mean(color: Rgb) -> f32 {
+    color.element_sum() / 3.0
+}
+
 /// Decodes one sRGB value in [0, 1] to linear (IEC 61966-2-1).
 #[must_use]
 pub fn srgb_to_linear(encoded: f32) -> f32 {

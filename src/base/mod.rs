@@ -9,6 +9,7 @@ pub mod distribution;
 pub mod frame;
 pub mod low_discrepancy;
 pub mod parallel;
+pub mod plane;
 pub mod progress;
 pub mod random;
 pub mod warning;

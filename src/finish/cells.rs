@@ -18,8 +18,7 @@ pub(super) struct Cells {
 impl Cells {
     /// Groups the first `n` patches.
     pub(super) fn new(patches: &Patches, n: usize) -> Self {
-        let mut edges = parallel::map(n, |i| patches.texel_edge(i));
-        let edge = if n == 0 { 1.0 } else { *edges.select_nth_unstable_by(n / 2, f32::total_cmp).1 };
+        let edge = patches.median_edge(n, |i| i);
         let key = |i: usize| (patches.position[i] / (CELL * edge)).floor().to_array().map(|v| v as i32);
         let mut keyed = parallel::map(n, |i| (key(i), i as u32));
         keyed.sort_unstable();

@@ -130,10 +130,10 @@ pub fn share(
     if let Some(part) = along {
         *part = network.flow(core::mem::take(part), steps);
     }
-    let difference = |p: Pair| (p.0 - p.1).length_squared();
-    let noise = parallel::map_light(raw.len(), |i| 0.25 * WIDER * difference(shared[i]));
-    let seen = |i: usize| judged(shared[i], raw[i]) - 0.5 * difference(raw[i]) - 0.25 * difference(shared[i]);
-    let bias = parallel::map_light(raw.len(), |i| WIDER * seen(i));
+    let noise = |p: Pair| 0.25 * (p.0 - p.1).length_squared();
+    let bias = |i: usize| judged(shared[i], raw[i]) - 2.0 * noise(raw[i]) - noise(shared[i]);
+    let bias = parallel::map_light(raw.len(), |i| WIDER * bias(i));
+    let noise = parallel::map_light(raw.len(), |i| WIDER * noise(shared[i]));
     for (i, pair) in shared.into_iter().enumerate() {
         (a[i], b[i]) = (pair.0, pair.1);
     }

@@ -17,6 +17,11 @@
 //! left after sharing, which is where a sum of squares falls fastest. Rounds are chosen by smoothed error, so the
 //! choice hardly depends on the very samples that it adds to.
 //!
+//! Tried: light looked for anew at hits nearer than an edge of the texel that is hit, by a shadow ray of each kind and a
+//! ray onward, again and again while hits are near. Against Mitsuba (office, 12,000 texels) NRMSE fell from 1.63 to 1.56 %
+//! with the rays of `production` and from 0.47 to 0.43 % with 16 times as many, for 1.6 and 1.75 times the time; for one
+//! in four of such hits, from 1.63 to 1.62 % for 1.15 times the time.
+//!
 //! Source: Reichert, "A Two-Pass Radiosity Method Driven by Lights and Viewer Position" (thesis, Cornell, 1992), for
 //! the final gather over a radiosity solution.
 //!

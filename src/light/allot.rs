@@ -29,7 +29,7 @@
 
 use super::direct::Estimate;
 use super::neighbors::Neighbors;
-use crate::base::{Rgb, parallel};
+use crate::base::{Rgb, color, parallel};
 
 /// A patch, and the samples of each half that it shall have.
 pub(super) type Allotment = (u32, u32);
@@ -62,7 +62,7 @@ pub(super) fn wanted(
     let n = hard.len();
     let visible = parallel::map(n, |i| {
         let sum = |h: usize| kinds.iter().map(|k| k[i].halves[h]).fold(Rgb::ZERO, |a, b| a + b);
-        (hard[i] + (sum(0) + sum(1)) * 0.5).element_sum() / 3.0
+        color::mean(hard[i] + (sum(0) + sum(1)) * 0.5)
     });
     let mean = (parallel::sum(n, |i| f64::from(visible[i])) / n.max(1) as f64) as f32;
     let enough = ENOUGH * ENOUGH * TYPICAL / samples as f32 * mean;

@@ -3,7 +3,7 @@
 //! In: light at points. Out: its slope [lx per texel]. Fewer than three points, or points on a line, say nothing about
 //! the slope across, which is then 0.
 
-use crate::base::Rgb;
+use crate::base::{Rgb, color, plane};
 use glam::Vec2;
 
 /// Added to the squared offsets, relative.
@@ -23,7 +23,7 @@ pub(super) struct Moments {
 impl Moments {
     /// Light [lx] at a point of the texel, `within` from its corner [texels].
     pub(super) fn add(&mut self, light: Rgb, within: Vec2, weight: f32) {
-        let (light, d) = (light.element_sum() / 3.0, within - Vec2::splat(0.5));
+        let (light, d) = (color::mean(light), within - Vec2::splat(0.5));
         self.weight += weight;
         self.light += weight * light;
         self.offset += d * weight;
@@ -42,15 +42,8 @@ impl Moments {
         }
         let (light, mean) = (self.light / self.weight, self.offset / self.weight);
         let [xx, xy, yy] = self.offsets.map(|sum| sum / self.weight);
-        let (xx, xy, yy) = (xx - mean.x * mean.x, xy - mean.x * mean.y, yy - mean.y * mean.y);
-        let ridge = RIDGE * (xx + yy) + f32::MIN_POSITIVE;
-        let (xx, yy) = (xx + ridge, yy + ridge);
-        let covariance = self.light_offset / self.weight - mean * light;
-        let determinant = xx * yy - xy * xy;
-        if determinant <= 0.0 {
-            return Vec2::ZERO;
-        }
-        Vec2::new(covariance.x * yy - covariance.y * xy, covariance.y * xx - covariance.x * xy) / determinant
+        let products = [xx - mean.x * mean.x, xy - mean.x * mean.y, yy - mean.y * mean.y];
+        plane::slope(products, self.light_offset / self.weight - mean * light, RIDGE)
     }
 }
 

@@ -15,14 +15,24 @@ pub(super) fn cell_index(point: DVec2, n: u32) -> usize {
     (cell(point.y) * n + cell(point.x)) as usize
 }
 
+/// A cell of the exposure mask and the eight around it, as bits.
+fn around(cell: usize) -> u64 {
+    let (x, y) = (cell as u32 % MASK_GRID, cell as u32 / MASK_GRID);
+    let rows = (y.saturating_sub(1)..=(y + 1).min(MASK_GRID - 1)).map(|y| y * MASK_GRID);
+    let columns = (0b111 << x >> 1) & 0xff;
+    rows.fold(0, |bits, row| bits | columns << row)
+}
+
 impl Patches {
     /// The cell of the exposure mask that a point lies in, or one of the eight around it, is exposed.
     pub(super) fn is_near_exposed(&self, front: usize, point: DVec2) -> bool {
-        let cell = cell_index(point, MASK_GRID);
-        let (x, y) = (cell as u32 % MASK_GRID, cell as u32 / MASK_GRID);
-        let rows = (y.saturating_sub(1)..=(y + 1).min(MASK_GRID - 1)).map(|y| y * MASK_GRID);
-        let columns = (0b111 << x >> 1) & 0xff;
-        rows.fold(0, |near, row| near | columns << row) & self.mask[front] != 0
+        around(cell_index(point, MASK_GRID)) & self.mask[front] != 0
+    }
+
+    /// A cell of the exposure mask is exposed and one of the eight around it is not.
+    pub(super) fn is_at_border(&self, front: usize, cell: usize) -> bool {
+        let mask = self.mask[front];
+        mask >> cell & 1 == 1 && around(cell) & !mask != 0
     }
 
     /// Calls `visit(point, within, area)` for each cell of an n × n grid over the texel that the exposed part of the

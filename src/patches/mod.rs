@@ -147,6 +147,13 @@ impl Patches {
         (self.area[patch] / covered.fold(0.0, |a, b| a + b).max(1e-9)).sqrt()
     }
 
+    /// Median edge length of the texels of `n` patches [m]; 1 if there are none.
+    #[must_use]
+    pub fn median_edge(&self, n: usize, patch: impl Fn(usize) -> usize + Sync) -> f32 {
+        let mut edges = parallel::map(n, |k| self.texel_edge(patch(k)));
+        if n == 0 { 1.0 } else { *edges.select_nth_unstable_by(n / 2, f32::total_cmp).1 }
+    }
+
     /// Area of the fragments of one part of the scene [m²], hidden ones included.
     #[must_use]
     pub fn area_of_part(&self, scene: &Scene, part: usize) -> f64 {

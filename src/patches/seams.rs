@@ -59,9 +59,7 @@ pub(super) fn find(
 
 impl Lattice {
     fn new(patches: &Patches, border: &[u32]) -> Self {
-        let mut edges = parallel::map(border.len(), |k| patches.texel_edge(border[k] as usize));
-        let middle = edges.len() / 2;
-        let median = if edges.is_empty() { 1.0 } else { *edges.select_nth_unstable_by(middle, f32::total_cmp).1 };
+        let median = patches.median_edge(border.len(), |k| border[k] as usize);
         let mut lattice = Self { cell: (CELL * median).max(f32::MIN_POSITIVE), members: vec![] };
         lattice.members = parallel::map(border.len(), |k| {
             (lattice.cell_of(patches.position[border[k] as usize]).to_array(), border[k])
@@ -79,7 +77,7 @@ impl Lattice {
         let middle = self.cell_of(position);
         for k in 0..9 {
             // Cells along z follow each other.
-            let row = middle + IVec3::new(k % 3 - 1, k / 3 - 1, 0);
+            let row = middle.saturating_add(IVec3::new(k % 3 - 1, k / 3 - 1, 0));
             let key = |dz: i32| [row.x, row.y, row.z.saturating_add(dz)];
             let start = self.members.partition_point(|m| m.0 < key(-1));
             self.members[start..].iter().take(CROWD).take_while(|m| m.0 <= key(1)).for_each(|m| visit(m.1 as usize));

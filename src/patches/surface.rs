@@ -6,10 +6,14 @@
 //! triangles, normals and the bounds of rounding errors. Found anew for each ray, a gather took
 //! 1.36 times as long (office, 50,000 texels).
 //!
+//! A cell of the exposure mask counts whole by what was found at its middle. At the border of what is exposed a solid
+//! may take up the rest of it, so there points are drawn at the middle alone: otherwise 0.13 % of all lines of the walk
+//! start inside a solid (office, texels of 14 cm), and as much is missing in the direct light of cut texels.
+//!
 //! Invariants: a point drawn on a patch lies on its exposed part, so a patch does not send light from where it is
 //! inside another solid; well-spread numbers give well-spread points.
 
-use super::cells::cell_index;
+use super::cells::{MASK_GRID, cell_index};
 use super::{Patches, SurfacePoint, Tilt};
 use crate::atlas::raster::Polygon;
 use crate::base::Frame;
@@ -29,6 +33,15 @@ pub struct PatchSurface<'a> {
     /// Covered part of the texel [texel²].
     covered: f32,
     fragments: Vec<Fragment>,
+    /// Points of cells at the border of what is exposed that are known to be in the open; empty without such a border.
+    open: Vec<OpenPoint>,
+}
+
+/// The middle of what one triangle covers of a cell of the exposure mask.
+struct OpenPoint {
+    cell: usize,
+    fragment: usize,
+    at: DVec2,
 }
 
 /// The part of a triangle within the texel.
@@ -68,6 +81,13 @@ impl Map {
         Self { corner: a, edges: [b - a, c - a], area: (b - a).perp_dot(c - a) }
     }
 
+    /// How far a point is outside the triangle, as a weight; 0 inside.
+    fn outside(&self, point: DVec2) -> f64 {
+        let p = point - self.corner;
+        let (b1, b2) = (p.perp_dot(self.edges[1]) / self.area, self.edges[0].perp_dot(p) / self.area);
+        (-b1).max(-b2).max(b1 + b2 - 1.0).max(0.0)
+    }
+
     /// Clamped to the triangle.
     pub(super) fn weights(&self, point: DVec2) -> Vec2 {
         let p = point - self.corner;
@@ -98,7 +118,8 @@ impl<'a> PatchSurface<'a> {
         };
         let fragments: Vec<_> = patches.fragments.range(front).map(fragment).collect();
         let covered = fragments.iter().map(|f| f.covered).fold(0.0, |a, b| a + b);
-        Self { patches, tracer, front, back, covered, fragments }
+        let open = if patches.mask[front] == u64::MAX { vec![] } else { open_points(patches, front) };
+        Self { patches, tracer, front, back, covered, fragments, open }
     }
 
     /// A point of the exposed part, uniform by area for uniform `u`.
@@ -116,7 +137,30 @@ impl<'a> PatchSurface<'a> {
             u = Vec2::new(unit_f32(bits as u32), unit_f32((bits >> 32) as u32));
             drawn = self.draw(u);
         }
-        drawn.0
+        self.in_the_open(drawn)
+    }
+
+    /// The point of the patch at `within` [texels from the texel's corner], or the nearest that one of its triangles has.
+    #[must_use]
+    pub fn at(&self, within: Vec2) -> Spot {
+        let at = within.as_dvec2();
+        let outside = |f: &Fragment| f.map.outside(at);
+        let nearest = (1..self.fragments.len())
+            .fold(0, |best, k| if outside(&self.fragments[k]) < outside(&self.fragments[best]) { k } else { best });
+        self.spot(nearest, at)
+    }
+
+    /// The point, or that of its cell which is known to be in the open.
+    fn in_the_open(&self, (spot, at): (Spot, DVec2)) -> Spot {
+        let cell = cell_index(at, MASK_GRID);
+        let known = self.open.iter().find(|p| p.cell == cell && p.fragment == spot.fragment);
+        known.map_or(spot, |p| self.spot(p.fragment, p.at))
+    }
+
+    fn spot(&self, fragment: usize, at: DVec2) -> Spot {
+        let Fragment { triangle, map, .. } = &self.fragments[fragment];
+        let point = SurfacePoint { triangle: *triangle, b: map.weights(at) };
+        Spot { fragment, point, within: at.as_vec2() }
     }
 
     /// A point of the exposed part where light is tilted, in proportion to it.
@@ -151,8 +195,7 @@ impl<'a> PatchSurface<'a> {
         }
         let fragment = &self.fragments[k];
         let at = fragment.polygon.as_ref().map_or_else(|| u.as_dvec2(), |p| p.sample(u));
-        let point = SurfacePoint { triangle: fragment.triangle, b: fragment.map.weights(at) };
-        (Spot { fragment: k, point, within: at.as_vec2() }, at)
+        (self.spot(k, at), at)
     }
 
     /// Geometric normal, on the patch's side.
@@ -193,8 +236,22 @@ impl<'a> PatchSurface<'a> {
     }
 }
 
+/// The points by which cells at the border of what is exposed were found to be exposed.
+fn open_points(patches: &Patches, front: usize) -> Vec<OpenPoint> {
+    let mut open = vec![];
+    for (fragment, f) in patches.fragments.range(front).enumerate() {
+        patches.cell_centroids(front, f, MASK_GRID, |_, at, _| {
+            let cell = cell_index(at, MASK_GRID);
+            if patches.is_at_border(front, cell) {
+                open.push(OpenPoint { cell, fragment, at });
+            }
+        });
+    }
+    open
+}
+
 impl Patches {
     pub(super) fn cell_is_exposed(&self, front: usize, point: DVec2) -> bool {
-        self.mask[front] >> cell_index(point, super::cells::MASK_GRID) & 1 == 1
+        self.mask[front] >> cell_index(point, MASK_GRID) & 1 == 1
     }
 }

@@ -23,7 +23,7 @@
 //! light stays even; no light is negative.
 
 use super::{PatchGraph, Patches};
-use crate::base::parallel;
+use crate::base::{parallel, plane};
 use glam::Vec2;
 
 /// Added to the squared offsets, relative: where all neighbours lie on a line the slope across it is 0.
@@ -120,13 +120,7 @@ fn slope(near: impl Iterator<Item = (Vec2, f32)>) -> Vec2 {
         offsets = [offsets[0] + d.x * d.x, offsets[1] + d.x * d.y, offsets[2] + d.y * d.y];
         sum += d * light;
     }
-    let ridge = RIDGE * (offsets[0] + offsets[2]);
-    let [xx, xy, yy] = [offsets[0] + ridge, offsets[1], offsets[2] + ridge];
-    let determinant = xx * yy - xy * xy;
-    if determinant <= 0.0 {
-        return Vec2::ZERO;
-    }
-    Vec2::new(sum.x * yy - sum.y * xy, sum.y * xx - sum.x * xy) / determinant
+    plane::slope(offsets, sum, RIDGE)
 }
 
 /// What to add to a slope that was expected, when two halves measured others: their noise is independent, so the
@@ -156,20 +150,6 @@ fn limited(slope: Vec2) -> Vec2 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_plane_is_found_again() {
-        let around = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.4, -0.9), (1.1, 1.0)];
-        let found = slope(around.map(|(x, y)| (Vec2::new(x, y), 0.3 * x - 0.2 * y)).into_iter());
-        assert!((found - Vec2::new(0.3, -0.2)).length() < 0.01, "{found}");
-    }
-
-    #[test]
-    fn along_a_line_the_slope_across_is_nothing() {
-        let found = slope([(Vec2::X, 1.0), (-Vec2::X, -1.0)].into_iter());
-        assert!((found - Vec2::X).length() < 0.02 && found.y.abs() < 1e-6);
-        assert_eq!(slope(core::iter::empty()), Vec2::ZERO);
-    }
 
     #[test]
     fn halves_that_agree_are_believed_and_others_are_not() {

@@ -1,15 +1,20 @@
 //! Sums over many threads that do not depend on their order: fixed point in integers.
 //!
-//! In: flux at patches, from any thread. Out: their sums per patch.
+//! In: flux at patches, from any thread. Out: their sums per patch, and one point of each patch where flux arrived.
+//!
+//! The point is that of one of the patch's arrivals, each with a chance in proportion to its flux: the one whose
+//! exponential random number, over its flux, is the least, in whatever order they come. Source: Efraimidis and Spirakis,
+//! "Weighted random sampling with a reservoir", Information Processing Letters 97(5), 2006.
 //!
 //! Every thread adds to a copy of its own as long as the copies fit [`MOST_BYTES`]: two cores that add to one cache
 //! line take turns at it, and the paper's splat adds to nine patches per line. Above that, where two threads rarely
 //! meet, copies are shared and additions are atomic. Integer sums are the same either way.
 //!
-//! Limits: 24 bytes per patch and copy.
+//! Limits: 32 bytes per patch and copy; points have 16 bits per axis.
 
+use crate::base::random::{mix, unit_f32};
 use crate::base::{Rgb, parallel};
-use glam::DVec3;
+use glam::{DVec3, Vec2};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 /// Bits of the largest sum that can occur; two are kept free for rounding up.
@@ -17,8 +22,30 @@ const SUM_BITS: i32 = 61;
 /// All copies together.
 const MOST_BYTES: usize = 256 << 20;
 
-/// Red, green and blue flux.
-type Sums = [AtomicU64; 3];
+/// What has arrived on one patch.
+struct Sums {
+    /// Red, green and blue.
+    flux: [AtomicU64; 3],
+    /// The arrival that is kept: its number to be the least by, and below it the point.
+    mark: AtomicU64,
+}
+
+/// Where on its texel some of a patch's flux arrived.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Mark(u32);
+
+impl Mark {
+    /// The point [texels from the texel's corner].
+    pub(super) fn within(self) -> Vec2 {
+        let part = |bits: u32| (bits as f32 + 0.5) / 65_536.0;
+        Vec2::new(part(self.0 >> 16), part(self.0 & 0xffff))
+    }
+
+    fn new(within: Vec2) -> Self {
+        let bits = |v: f32| ((v * 65_536.0) as u32).min(0xffff);
+        Self(bits(within.x) << 16 | bits(within.y))
+    }
+}
 
 /// Received flux.
 pub(super) struct Arrivals {
@@ -43,7 +70,8 @@ impl Arrivals {
         let affordable = (MOST_BYTES / (n.max(1) * size_of::<Sums>())).max(1);
         let owned = affordable > threads;
         let copies = if owned { threads + 1 } else { affordable };
-        let copy = |_| (0..n).map(|_| [const { AtomicU64::new(0) }; 3]).collect();
+        let none = || Sums { flux: [const { AtomicU64::new(0) }; 3], mark: AtomicU64::new(u64::MAX) };
+        let copy = |_| (0..n).map(|_| none()).collect();
         let (_, exponent) = libm::frexp(most.max(f64::MIN_POSITIVE));
         Self {
             copies: parallel::map(copies, copy),
@@ -61,11 +89,15 @@ impl Arrivals {
         Adder { sums: &self.copies[copy % self.copies.len()], alone, units_per_lumen: self.units_per_lumen }
     }
 
-    /// The sums [lm].
-    pub(super) fn take(self) -> Vec<Rgb> {
+    /// The sums [lm], and a point of each patch where flux arrived (some point where none did).
+    pub(super) fn take(self) -> (Vec<Rgb>, Vec<Mark>) {
         let scale = 1.0 / self.units_per_lumen;
-        let total = |i: usize, c: usize| self.copies.iter().map(|sums| sums[i][c].load(Relaxed)).sum::<u64>();
-        parallel::map(self.patches, |i| (DVec3::from_array([0, 1, 2].map(|c| total(i, c) as f64)) * scale).as_vec3())
+        let total = |i: usize, c: usize| self.copies.iter().map(|sums| sums[i].flux[c].load(Relaxed)).sum::<u64>();
+        let flux = parallel::map(self.patches, |i| {
+            (DVec3::from_array([0, 1, 2].map(|c| total(i, c) as f64)) * scale).as_vec3()
+        });
+        let least = |i: usize| self.copies.iter().map(|sums| sums[i].mark.load(Relaxed)).min().unwrap_or(0);
+        (flux, parallel::map(self.patches, |i| Mark(least(i) as u32)))
     }
 }
 
@@ -76,16 +108,26 @@ impl Adder<'_> {
     }
 
     pub(super) fn flux(&self, patch: usize, units: [u64; 3]) {
-        for (sum, v) in self.sums[patch].iter().zip(units) {
-            self.add(sum, v);
+        for (sum, v) in self.sums[patch].flux.iter().zip(units) {
+            if self.alone {
+                sum.store(sum.load(Relaxed) + v, Relaxed);
+            } else {
+                sum.fetch_add(v, Relaxed);
+            }
         }
     }
 
-    fn add(&self, sum: &AtomicU64, value: u64) {
+    /// Flux arrived at a point of the patch [texels from the texel's corner]; `key` is a hash of the arrival.
+    pub(super) fn mark(&self, patch: usize, within: Vec2, flux: Rgb, key: u64) {
+        let random = 1.0 - unit_f32(mix(key) as u32);
+        let order = -libm::logf(random) / flux.element_sum().max(f32::MIN_POSITIVE);
+        // Floats that are not negative are ordered as their bits are.
+        let entry = u64::from(order.to_bits()) << 32 | u64::from(Mark::new(within).0);
+        let mark = &self.sums[patch].mark;
         if self.alone {
-            sum.store(sum.load(Relaxed) + value, Relaxed);
+            mark.store(mark.load(Relaxed).min(entry), Relaxed);
         } else {
-            sum.fetch_add(value, Relaxed);
+            mark.fetch_min(entry, Relaxed);
         }
     }
 }
@@ -106,7 +148,7 @@ mod tests {
             // From outside the pool as well.
             (100_000..100_010u64).for_each(|i| add(&flux.adder(), i));
             let owned = flux.owned;
-            (flux.take()[0], owned)
+            (flux.take().0[0], owned)
         };
         let (one, owned) = run(1, 1);
         assert!(owned);

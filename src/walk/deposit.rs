@@ -16,7 +16,7 @@
 use crate::base::Rgb;
 use crate::patches::{PatchGraph, Patches};
 use core::f32::consts::TAU;
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 /// What a line does where it hits.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,6 +37,8 @@ pub enum Splat {
 pub(super) struct Arrival {
     pub(super) patch: usize,
     pub(super) position: Vec3,
+    /// From the corner of the texel [texels].
+    pub(super) within: Vec2,
     pub(super) distance: f32,
     pub(super) cosine: f32,
     pub(super) flux: Rgb,

@@ -10,7 +10,8 @@
 //! * lines are dealt out over the patches systematically (one random offset per bounce), which never has more variance
 //!   than independent picks;
 //! * the budget is spread over the bounces in proportion to their power, so every line carries about the same flux;
-//! * with [`Start::tilts`], the first reflection starts in proportion to the light within the texel (see `Tilts`);
+//! * with [`Start::tilts`], light goes on from where it arrived: the first reflection starts in proportion to the light
+//!   within the texel (see `Tilts`), later ones start where a line of the bounce before has hit the texel;
 //! * `low_discrepancy` takes positions and directions from an Owen-scrambled sequence along the patch order.
 //!
 //! Invariants: per bounce and colour channel shot = received + escaped + culled; the same bits at any thread count,
@@ -25,6 +26,8 @@ mod shoot;
 use crate::base::{Progress, Rgb, parallel};
 use crate::patches::{PatchGraph, Patches, Tilts};
 use crate::trace::{Line, Tracer};
+
+use shoot::{Landed, Starts};
 
 pub use deposit::Splat;
 
@@ -58,7 +61,7 @@ pub struct EmittedLines<'a> {
 pub struct Start<'a> {
     /// Flux that each patch has to shoot [lm].
     pub unshot: Vec<Rgb>,
-    /// How this flux is spread over the texels; `None` for evenly.
+    /// How this flux is spread over the texels; `None` for evenly, after later bounces as well.
     pub tilts: Option<&'a Tilts>,
     /// Lines of the emitters come first.
     pub emitted: Option<&'a EmittedLines<'a>>,
@@ -108,22 +111,29 @@ pub fn walk(
     let mut state = State::new(patches, unshot);
     if let Some(emitted) = emitted {
         let lines = state.lines_for(Some(emitted), patches, settings);
-        let (received, bounce) = shooter.emitted(emitted, lines);
-        state.direct.clone_from(&received);
-        state.turn(patches, &received, bounce);
+        let landed = shooter.emitted(emitted, lines);
+        state.turn(patches, &landed);
+        state.direct = landed.received;
     }
     let limit = settings.bounces.unwrap_or(u32::MAX);
+    let mut marks = vec![];
     for bounce in 0..limit {
         let lines = state.lines_for(None, patches, settings);
         if lines == 0 {
             break;
         }
-        let (received, ledger) = shooter.reflected(&state.unshot, tilts.filter(|_| bounce == 0), lines, bounce);
-        for (sum, r) in state.indirect.iter_mut().zip(&received) {
+        let starts = match tilts {
+            None => Starts::Evenly,
+            Some(tilts) if bounce == 0 => Starts::Tilted(tilts),
+            Some(_) => Starts::At(&marks),
+        };
+        let landed = shooter.reflected(&state.unshot, starts, lines, bounce);
+        for (sum, r) in state.indirect.iter_mut().zip(&landed.received) {
             *sum += *r;
         }
         state.unshot.fill(Rgb::ZERO);
-        state.turn(patches, &received, ledger);
+        state.turn(patches, &landed);
+        marks = landed.marks;
     }
     state.finish(patches)
 }
@@ -153,13 +163,13 @@ impl State {
     }
 
     /// Adds what the patches reflect of `received` to what they have to shoot.
-    fn turn(&mut self, patches: &Patches, received: &[Rgb], bounce: Bounce) {
+    fn turn(&mut self, patches: &Patches, Landed { received, bounce, .. }: &Landed) {
         for ((unshot, r), rho) in self.unshot.iter_mut().zip(received).zip(&patches.reflectance) {
             *unshot += *r * *rho;
         }
         self.spent += bounce.lines;
         self.all_power += Bounce::mean(bounce.unshot);
-        self.ledger.push(bounce);
+        self.ledger.push(*bounce);
     }
 
     /// Lines for the next iteration: the share of what is left of the budget that its power has in all power to come.

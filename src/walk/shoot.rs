@@ -7,13 +7,13 @@
 //! Tried: patches along a Z-order curve instead of row by row. On office, cornell and two rooms (12,000 texels, two seeds,
 //! with and without gather) the error was the same within its spread of 5 %.
 
-use super::accumulate::Arrivals;
+use super::accumulate::{Arrivals, Mark};
 use super::deposit::{Arrival, deposit};
 use super::{Bounce, EmittedLines, Settings};
 use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, mix};
 use crate::base::{Progress, Rgb, Stream, parallel, warp};
-use crate::patches::{PatchGraph, PatchSurface, Patches, Tilt, Tilts};
+use crate::patches::{PatchGraph, PatchSurface, Patches, Seen, Tilts};
 use crate::trace::{Line, Ray, Tracer};
 use glam::{DVec3, Vec2};
 
@@ -38,6 +38,26 @@ pub(super) struct Shooter<'a> {
     pub(super) progress: &'a Progress,
 }
 
+/// Where on its patch a line starts.
+#[derive(Clone, Copy)]
+pub(super) enum Starts<'a> {
+    /// Anywhere.
+    Evenly,
+    /// In proportion to the light.
+    Tilted(&'a Tilts),
+    /// Where flux arrived, one point for each patch.
+    At(&'a [Mark]),
+}
+
+/// What one iteration brought.
+pub(super) struct Landed {
+    /// Flux by patch [lm].
+    pub(super) received: Vec<Rgb>,
+    /// A point of each patch where flux arrived.
+    pub(super) marks: Vec<Mark>,
+    pub(super) bounce: Bounce,
+}
+
 /// Sums of one chunk of lines.
 #[derive(Default, Clone, Copy)]
 struct Tally {
@@ -48,7 +68,7 @@ struct Tally {
 
 impl Shooter<'_> {
     /// Shoots `lines` lines of the emitters.
-    pub(super) fn emitted(&self, emitted: &EmittedLines<'_>, lines: u64) -> (Vec<Rgb>, Bounce) {
+    pub(super) fn emitted(&self, emitted: &EmittedLines<'_>, lines: u64) -> Landed {
         let arrivals = Arrivals::new(self.patches.len(), 8.0 * f64::from(emitted.flux.max_element()));
         let tallies = parallel::map_chunks(lines as usize, chunk(lines), |range| {
             let (mut tally, mut ends) = (Tally::default(), Vec::with_capacity(range.len()));
@@ -59,17 +79,11 @@ impl Shooter<'_> {
             self.deposit(&ends, &arrivals);
             tally
         });
-        self.close(arrivals.take(), &tallies, lines, emitted.flux.as_dvec3())
+        self.close(arrivals, &tallies, lines, emitted.flux.as_dvec3())
     }
 
     /// Shoots `lines` lines from the patches, in proportion to what they have to shoot, and where on a patch.
-    pub(super) fn reflected(
-        &self,
-        unshot: &[Rgb],
-        tilts: Option<&Tilts>,
-        lines: u64,
-        bounce: u32,
-    ) -> (Vec<Rgb>, Bounce) {
+    pub(super) fn reflected(&self, unshot: &[Rgb], starts: Starts<'_>, lines: u64, bounce: u32) -> Landed {
         let running = running_sum(unshot);
         let total = running.last().copied().unwrap_or(0.0);
         let channels = DVec3::from_array([0, 1, 2].map(|c| parallel::sum(unshot.len(), |i| f64::from(unshot[i][c]))));
@@ -99,14 +113,14 @@ impl Shooter<'_> {
                     Some(p) if p.0 == patch => p,
                     _ => prepared.insert((patch, PatchSurface::new(self.tracer, self.patches, patch))),
                 };
-                let ray = leave(surface, u, tilts.map(|t| t.of(patch)));
+                let ray = leave(surface, u, patch, starts);
                 let line = Line { ray, flux: (unshot[patch].as_dvec3() * share).as_vec3() };
                 ends.extend(self.land(&line, &mut tally));
             }
             self.deposit(&ends, &arrivals);
             tally
         });
-        self.close(arrivals.take(), &tallies, lines, channels)
+        self.close(arrivals, &tallies, lines, channels)
     }
 
     /// Where the line's flux arrives, if it is not lost.
@@ -116,8 +130,8 @@ impl Shooter<'_> {
             tally.escaped += line.flux.as_dvec3();
             return None;
         };
-        let patch = self.patches.at(&hit).filter(|&p| self.patches.receives(p, &hit));
-        let Some(patch) = patch else {
+        let seen = self.patches.seen(&hit).filter(|seen| self.patches.receives(seen.patch, &hit));
+        let Some(Seen { patch, within, .. }) = seen else {
             tally.culled += line.flux.as_dvec3();
             return None;
         };
@@ -125,6 +139,7 @@ impl Shooter<'_> {
         Some(Arrival {
             patch,
             position: line.ray.origin + line.ray.direction * hit.t,
+            within,
             distance: hit.t * length,
             cosine: (line.ray.direction.dot(self.patches.normal[patch]) / length).abs(),
             flux: line.flux,
@@ -138,11 +153,14 @@ impl Shooter<'_> {
         for key in order {
             let end = &ends[(key & u64::from(u32::MAX)) as usize];
             let units = adder.units(end.flux);
+            let bits = u64::from(end.within.x.to_bits()) << 32 | u64::from(end.within.y.to_bits());
+            adder.mark(end.patch, end.within, end.flux, bits ^ u64::from(end.distance.to_bits()) << 16);
             deposit(self.settings.splat, self.patches, self.graph, end, units, |p, units| adder.flux(p, units));
         }
     }
 
-    fn close(&self, received: Vec<Rgb>, tallies: &[Tally], lines: u64, unshot: DVec3) -> (Vec<Rgb>, Bounce) {
+    fn close(&self, arrivals: Arrivals, tallies: &[Tally], lines: u64, unshot: DVec3) -> Landed {
+        let (received, marks) = arrivals.take();
         let sum = tallies.iter().fold(Tally::default(), |a, b| Tally {
             shot: a.shot + b.shot,
             escaped: a.escaped + b.escaped,
@@ -156,14 +174,18 @@ impl Shooter<'_> {
             escaped: sum.escaped.to_array(),
             culled: sum.culled.to_array(),
         };
-        (received, bounce)
+        Landed { received, marks, bounce }
     }
 }
 
 /// A cosine-distributed ray from a point of a patch.
-fn leave(surface: &PatchSurface<'_>, u: [f32; 4], tilt: Option<Tilt>) -> Ray {
+fn leave(surface: &PatchSurface<'_>, u: [f32; 4], patch: usize, starts: Starts<'_>) -> Ray {
     let at = Vec2::new(u[0], u[1]);
-    let spot = tilt.map_or_else(|| surface.sample(at), |tilt| surface.sample_tilted(at, tilt));
+    let spot = match starts {
+        Starts::Evenly => surface.sample(at),
+        Starts::Tilted(tilts) => surface.sample_tilted(at, tilts.of(patch)),
+        Starts::At(marks) => surface.at(marks[patch].within()),
+    };
     let direction = surface.frame(&spot).to_world(warp::square_to_cosine_hemisphere(Vec2::new(u[2], u[3])));
     Ray { origin: surface.origin(&spot, direction), direction, t_max: f32::INFINITY }
 }
