@@ -7,9 +7,10 @@ mod solve;
 #[path = "support/mod.rs"]
 mod support;
 
-use glam::{Mat3, Vec3};
+use glam::{Mat3, Vec2, Vec3};
 use solve::{Stage, square};
 use texelwalk::base::Rgb;
+use texelwalk::patches::PatchSurface;
 use texelwalk::scene::{Light, Scene, Sky};
 
 /// A box with outward fronts.
@@ -69,6 +70,31 @@ fn the_underside_of_a_crate_sees_nothing_through_the_floor() {
             }
         }
         assert!(under >= 100 && open > 400, "{under} under, {open} open");
+    }
+}
+
+#[test]
+fn points_of_texels_that_a_crate_cuts_lie_beside_it() {
+    let turn = Mat3::from_rotation_y(0.3);
+    let floor = square(Vec3::ZERO, Vec3::Z * 3.0, Vec3::X * 3.0).to_vec();
+    let middle = Vec3::new(1.5, 0.0, 1.5);
+    let shape = solid(Vec3::new(-0.52, -0.1, -0.41), Vec3::new(0.52, 0.7, 0.41));
+    let placed = shape.iter().map(|t| t.map(|corner| middle + turn * corner));
+    let scene = support::scene_from_triangles(&floor.into_iter().chain(placed).collect::<Vec<_>>());
+    let stage = Stage::new(&scene, 7.0);
+    let patches = &stage.patches;
+    let on_floor = |i: &usize| patches.normal[*i].y > 0.99 && patches.position[*i].y.abs() < 1e-4;
+    let cut: Vec<usize> =
+        (0..patches.front).filter(|i| on_floor(i) && patches.exposed[*i] > 0.0 && patches.exposed[*i] < 1.0).collect();
+    assert!(cut.len() > 20, "{} texels are cut", cut.len());
+    for i in cut {
+        let surface = PatchSurface::new(&stage.tracer, patches, i);
+        for k in 0..400 {
+            let u = Vec2::new((k as f32 + 0.5) / 400.0, (k as f32 * 0.618_034).fract());
+            let spot = surface.sample(u);
+            let local = turn.transpose() * (scene.position(spot.point.triangle, spot.point.b) - middle);
+            assert!(local.x.abs() > 0.52 || local.z.abs() > 0.41, "texel {i} starts light inside the crate at {local}");
+        }
     }
 }
 

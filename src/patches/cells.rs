@@ -29,10 +29,10 @@ impl Patches {
         around(cell_index(point, MASK_GRID)) & self.mask[front] != 0
     }
 
-    /// A cell of the exposure mask is exposed and one of the eight around it is not.
-    pub(super) fn is_at_border(&self, front: usize, cell: usize) -> bool {
-        let mask = self.mask[front];
-        mask >> cell & 1 == 1 && around(cell) & !mask != 0
+    /// A cell of the exposure mask and the eight around it are exposed. Of a cell at the texel's border it is not known.
+    pub(super) fn is_inside_exposed(&self, front: usize, cell: usize) -> bool {
+        let around = around(cell);
+        around.count_ones() == 9 && around & !self.mask[front] == 0
     }
 
     /// Calls `visit(point, within, area)` for each cell of an n × n grid over the texel that the exposed part of the

@@ -159,4 +159,30 @@ mod tests {
         assert!((one.z - 25_002.5).abs() < 1e-2);
         assert!((one.x - 12.090_246).abs() < 1e-4);
     }
+
+    #[test]
+    fn the_point_that_is_kept_is_one_of_the_arrivals_by_flux_and_in_any_order() {
+        // Patch p gets two arrivals, one with three times the flux of the other.
+        let patches = 20_000;
+        let arrival = |i: u64| (i / 2, Vec2::new(if i.is_multiple_of(2) { 0.25 } else { 0.75 }, 0.5));
+        let flux = |i: u64| Rgb::splat(if i.is_multiple_of(2) { 3.0 } else { 1.0 });
+        let run = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let arrivals = pool.install(|| Arrivals::new(patches, 1e5));
+            pool.install(|| {
+                (0..2 * patches as u64).into_par_iter().for_each(|i| {
+                    let (patch, within) = arrival(i);
+                    arrivals.adder().mark(patch as usize, within, flux(i), i);
+                });
+            });
+            arrivals.take().1
+        };
+        let marks = run(1);
+        assert!(marks == run(3), "depends on the order");
+        let strong = marks.iter().filter(|m| (m.within() - Vec2::new(0.25, 0.5)).length() < 1e-4).count();
+        let weak = marks.iter().filter(|m| (m.within() - Vec2::new(0.75, 0.5)).length() < 1e-4).count();
+        assert_eq!(strong + weak, patches);
+        let z = (strong as f64 - 0.75 * patches as f64) / (0.75 * 0.25 * patches as f64).sqrt();
+        assert!(z.abs() < 4.0, "{strong} of {patches}: {z}");
+    }
 }
