@@ -556,3 +556,27 @@ fn a_blend_of_alpha_three_tenths_transmits_seven_tenths() {
     let part = transmitted(&scene_with_material(&twice, material), 200_000);
     assert!((part - 0.49).abs() < 0.005, "{part}");
 }
+
+#[test]
+fn what_lies_in_a_box_is_what_asking_every_triangle_tells() {
+    let mut s = stream(5);
+    let mut at = |size: f32| point(&mut s).as_vec3() * size;
+    let triangle = |at: Vec3, a: Vec3, b: Vec3| [at, at + a, at + b];
+    let triangles: Vec<[Vec3; 3]> = (0..3000).map(|_| triangle(at(20.0), at(1.0), at(1.0))).collect();
+    let scene = scene_from_triangles(&triangles);
+    let tracer = Tracer::new(&scene);
+    let (mut some, mut none) = (0, 0);
+    for _ in 0..2000 {
+        let (center, size) = (at(22.0), at(2.0).abs());
+        let (low, high) = (center - size, center + size);
+        let meets = |t: &[Vec3; 3]| {
+            let (from, to) = (t[0].min(t[1]).min(t[2]), t[0].max(t[1]).max(t[2]));
+            from.cmple(high).all() && to.cmpge(low).all()
+        };
+        // Every second triangle is as good as not there.
+        let expected = triangles.iter().step_by(2).any(meets);
+        assert_eq!(tracer.any_within(low, high, |t| t.is_multiple_of(2)), expected, "{low} to {high}");
+        *(if expected { &mut some } else { &mut none }) += 1;
+    }
+    assert!(some > 200 && none > 200, "{some}, {none}");
+}

@@ -56,6 +56,9 @@ pub(super) struct Bounds {
 #[derive(Debug, Clone, Copy)]
 struct Node {
     bounds: Bounds,
+    center: Vec3,
+    /// Half the diagonal of the bounds [m].
+    radius: f32,
     /// Second child (the first follows its parent), or the leaf's number.
     next: u32,
     leaf: bool,
@@ -114,6 +117,40 @@ impl Cut {
     }
 }
 
+impl Node {
+    fn new(bounds: Bounds, next: u32, leaf: bool) -> Self {
+        let radius = (bounds.high - bounds.low).length() * 0.5;
+        Self { center: bounds.center(), radius, bounds, next, leaf }
+    }
+
+    /// About the most illuminance that the leaves give to a site; 0 only where none of them gives any.
+    fn importance(&self, site: &Site) -> f32 {
+        let (bounds, radius) = (&self.bounds, self.radius + site.radius);
+        let to = self.center - site.position;
+        let distance_squared = to.length_squared();
+        if bounds.distance(site.position) - site.radius > bounds.range {
+            return 0.0;
+        }
+        let toward = to.normalize_or_zero();
+        let sin_u_squared = radius * radius / distance_squared.max(f32::MIN_POSITIVE);
+        let cos_u = if sin_u_squared < 1.0 { (1.0 - sin_u_squared).sqrt() } else { -1.0 };
+        let facing = -bounds.axis.dot(toward);
+        let cos_w = if bounds.two_sided { facing.abs() } else { facing };
+        let cos = cos_of_difference(cos_of_difference(cos_w, bounds.cos_o), cos_u);
+        if cos < bounds.cos_e {
+            return 0.0;
+        }
+        let mut elevation = cos_of_difference(toward.dot(site.normal), cos_u);
+        if site.flat && elevation <= 0.0 {
+            return 0.0;
+        }
+        if !site.flat {
+            elevation = elevation.max(0.3);
+        }
+        bounds.power * cos.max(FLOOR) * elevation.max(FLOOR) / distance_squared.max(radius * radius)
+    }
+}
+
 impl Tree {
     pub(super) fn new(leaves: &[Bounds]) -> Self {
         let mut tree = Self::default();
@@ -131,12 +168,12 @@ impl Tree {
     fn build(&mut self, leaves: &[Bounds], order: &mut [u32], depth: u32) {
         let at = self.nodes.len();
         if let [leaf] = *order {
-            self.nodes.push(Node { bounds: leaves[leaf as usize], next: leaf, leaf: true });
+            self.nodes.push(Node::new(leaves[leaf as usize], leaf, true));
             return;
         }
         let all = order.iter().map(|&k| leaves[k as usize]).reduce(|a, b| a.union(&b));
         let Some(bounds) = all else { return };
-        self.nodes.push(Node { bounds, next: 0, leaf: false });
+        self.nodes.push(Node::new(bounds, 0, false));
         let split = if depth < DEEP { split(leaves, order, &bounds) } else { order.len() / 2 };
         let (first, second) = order.split_at_mut(split);
         self.build(leaves, first, depth + 1);
@@ -147,7 +184,7 @@ impl Tree {
     /// Importance of a node to a site; `estimate` is that of a leaf.
     fn importance(&self, node: u32, site: &Site, estimate: &impl Fn(u32, &Site) -> f32) -> f32 {
         let node = &self.nodes[node as usize];
-        if node.leaf { estimate(node.next, site) } else { node.bounds.importance(site) }
+        if node.leaf { estimate(node.next, site) } else { node.importance(site) }
     }
 
     /// The cut for a site; empty if nothing reaches it.
@@ -177,11 +214,15 @@ impl Tree {
             add(node + 1, &mut open, &mut cut, &mut total);
             add(self.nodes[node as usize].next, &mut open, &mut cut, &mut total);
         }
-        cut.nodes.extend(open.iter().map(|o| (o.1, o.0)));
         // In the order of the tree, so that neighbouring numbers choose neighbouring lights; what is near comes last.
-        let near = |n: &(u32, f32)| self.nodes[n.0 as usize].bounds.distance(site.position) < NEAR * site.radius;
-        cut.nodes.sort_unstable_by_key(|n| (near(n), n.0));
-        cut.near = cut.nodes.partition_point(|n| !near(n));
+        let near = |n: u32| self.nodes[n as usize].bounds.distance(site.position) < NEAR * site.radius;
+        let all = core::mem::take(&mut cut.nodes).into_iter().chain(open.into_iter().map(|o| (o.1, o.0)));
+        let (mut far, mut close): (Vec<_>, Vec<_>) = all.partition(|n| !near(n.0));
+        far.sort_unstable_by_key(|n| n.0);
+        close.sort_unstable_by_key(|n| n.0);
+        cut.near = far.len();
+        far.append(&mut close);
+        cut.nodes = far;
         cut.site = Some(*site);
         cut.sum(0);
         cut
@@ -258,33 +299,6 @@ impl Bounds {
 
     fn center(&self) -> Vec3 {
         (self.low + self.high) * 0.5
-    }
-
-    /// About the most illuminance that the leaves give to a site; 0 only where none of them gives any.
-    fn importance(&self, site: &Site) -> f32 {
-        let radius = (self.high - self.low).length() * 0.5 + site.radius;
-        let to = self.center() - site.position;
-        let distance_squared = to.length_squared();
-        if self.distance(site.position) - site.radius > self.range {
-            return 0.0;
-        }
-        let toward = to.normalize_or_zero();
-        let sin_u_squared = radius * radius / distance_squared.max(f32::MIN_POSITIVE);
-        let cos_u = if sin_u_squared < 1.0 { (1.0 - sin_u_squared).sqrt() } else { -1.0 };
-        let facing = -self.axis.dot(toward);
-        let cos_w = if self.two_sided { facing.abs() } else { facing };
-        let cos = cos_of_difference(cos_of_difference(cos_w, self.cos_o), cos_u);
-        if cos < self.cos_e {
-            return 0.0;
-        }
-        let mut elevation = cos_of_difference(toward.dot(site.normal), cos_u);
-        if site.flat && elevation <= 0.0 {
-            return 0.0;
-        }
-        if !site.flat {
-            elevation = elevation.max(0.3);
-        }
-        self.power * cos.max(FLOOR) * elevation.max(FLOOR) / distance_squared.max(radius * radius)
     }
 
     /// Cost of shooting at these leaves as one: power × solid angle of emission × surface (Conty and Kulla, eq. 1).

@@ -27,6 +27,16 @@ const LOW: f32 = 0.06;
 /// Length of these rays in texel edges: half a diagonal and a little.
 const REACH: f32 = 0.75;
 
+/// Distance from a texel's plane, in texel edges, at which a surface that faces the same way belongs to it: far below
+/// [`LOW`].
+const FLAT: f32 = 0.005;
+/// Cosine to the texel's normal from which a surface counts as parallel.
+const SAME_PLANE: f32 = 0.9999;
+/// Cosine to the texel's normal up to which a surface may lie on it face to face: more than seals.
+const FACING: f32 = -0.98;
+/// Rounding of positions, relative to the largest coordinate.
+const PAD: f32 = 1e-5;
+
 /// Less than this share of a texel counts as none: a single line would make a spike of it.
 const LEAST_EXPOSED: f32 = 0.04;
 
@@ -74,10 +84,11 @@ fn texel(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> Option<Found> 
         }
     });
     let center = center?;
-    if !is_hidden(tracer, center) && !is_crowded(patches, tracer, patch) {
+    let about = About::new(patches, tracer, patch);
+    if !is_hidden(tracer, center, about) && !is_crowded(patches, tracer, patch, about) {
         return None;
     }
-    let cells = cells(patches, tracer, patch);
+    let cells = cells(patches, tracer, patch, about);
     let (mut mask, mut open, mut total, mut sum) = (0u64, 0.0f32, 0.0f32, Vec3::ZERO);
     for (k, cell) in cells.iter().enumerate() {
         total += cell.area;
@@ -98,25 +109,77 @@ fn texel(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> Option<Found> 
 }
 
 /// The surface in the cells of the mask.
-fn cells(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> [Cell; (MASK_GRID * MASK_GRID) as usize] {
+fn cells(
+    patches: &Patches,
+    tracer: &Tracer<'_>,
+    patch: usize,
+    about: About,
+) -> [Cell; (MASK_GRID * MASK_GRID) as usize] {
     let mut cells = [Cell::default(); (MASK_GRID * MASK_GRID) as usize];
     for f in patches.fragments.range(patch) {
         patches.cell_centroids(patch, f, MASK_GRID, |point, centroid, area| {
             let cell = &mut cells[cell_index(centroid, MASK_GRID)];
             cell.area += area;
-            cell.open += if is_hidden(tracer, point) { 0.0 } else { area };
+            cell.open += if is_hidden(tracer, point, about) { 0.0 } else { area };
             cell.position += tracer.scene().position(point.triangle, point.b) * area;
         });
     }
     cells
 }
 
+/// What lies about a texel.
+#[derive(Clone, Copy)]
+struct About {
+    /// Something may stand within the texel or lie on it.
+    any: bool,
+    /// Something may lie on it face to face.
+    faced: bool,
+}
+
+impl About {
+    /// One look into a box, which costs less than a dozen rays: where nothing but the texel's own plane is near, they need
+    /// not be traced. Texels that are not flat are not looked at.
+    fn new(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> Self {
+        let unknown = Self { any: true, faced: true };
+        let (scene, normal, position) = (tracer.scene(), patches.normal[patch], patches.position[patch]);
+        let edge = patches.texel_edge(patch);
+        let disc = (Vec3::ONE - normal * normal).max(Vec3::ZERO).map(f32::sqrt) * (REACH * edge);
+        let above = position + normal * (LOW * edge);
+        let (mut low, mut high) = (above - disc, above + disc);
+        for f in patches.fragments.range(patch) {
+            let triangle = patches.fragments.triangle[f];
+            if scene.geometric_normal(triangle).dot(normal) < SAME_PLANE {
+                return unknown;
+            }
+            let map = patches.map(triangle, patch);
+            for corner in patches.polygon(patch, f).corners() {
+                let corner = scene.position(triangle, map.weights(*corner));
+                (low, high) = (low.min(corner), high.max(corner));
+            }
+        }
+        let (from, to) = tracer.bounds();
+        let pad = Vec3::splat(PAD * from.abs().max(to.abs()).max_element());
+        let mut about = Self { any: false, faced: false };
+        tracer.any_within(low - pad, high + pad, |t| {
+            let facing = scene.geometric_normal(t).dot(normal);
+            let off = scene.corners(t).map(|corner| (corner - position).dot(normal).abs());
+            let own = facing > SAME_PLANE && off.into_iter().fold(0.0, f32::max) < FLAT * edge;
+            about.any |= !own;
+            about.faced |= facing < FACING;
+            about.any && about.faced
+        });
+        about
+    }
+}
+
 /// Something may stand within the texel, or a part of it lies on something. A wall at its border does not count.
-fn is_crowded(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> bool {
-    let sealed = |point: SurfacePoint| is_sealed(tracer, &Ground::new(tracer.scene().corners(point.triangle)), point);
-    let mut any = false;
-    patches.cells(patch, 2, |point, _, _| any |= sealed(point));
-    if any {
+fn is_crowded(patches: &Patches, tracer: &Tracer<'_>, patch: usize, about: About) -> bool {
+    if !about.any {
+        return false;
+    }
+    let mut sealed = false;
+    patches.cells(patch, 2, |point, _, _| sealed |= is_sealed(tracer, point, about));
+    if sealed {
         return true;
     }
     let edge = patches.texel_edge(patch);
@@ -133,7 +196,7 @@ fn is_crowded(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> bool {
         })
     });
     // What stands beside a texel may cover a strip of it, as a board does of the panel behind it.
-    stands_within || outline.is_some_and(|all| all.into_iter().any(sealed))
+    stands_within || outline.is_some_and(|all| all.into_iter().any(|point| is_sealed(tracer, point, about)))
 }
 
 /// About the centres of the outermost cells: corners of what the triangles cover of a texel, moved in a little.
@@ -156,16 +219,22 @@ fn is_in_front(tracer: &Tracer<'_>, triangle: u32, points: &[SurfacePoint]) -> b
     points.iter().all(|p| (scene.position(p.triangle, p.b) - corner).dot(normal) > 0.0)
 }
 
-fn is_sealed(tracer: &Tracer<'_>, ground: &Ground, point: SurfacePoint) -> bool {
-    !tracer.scene().material(point.triangle).double_sided && tracer.sealed(ground, point.triangle, point.b)
+fn is_sealed(tracer: &Tracer<'_>, point: SurfacePoint, about: About) -> bool {
+    let SurfacePoint { triangle, b } = point;
+    let scene = tracer.scene();
+    about.faced
+        && !scene.material(triangle).double_sided
+        && tracer.sealed(&Ground::new(scene.corners(triangle)), triangle, b)
 }
 
-fn is_hidden(tracer: &Tracer<'_>, point: SurfacePoint) -> bool {
+fn is_hidden(tracer: &Tracer<'_>, point: SurfacePoint, about: About) -> bool {
+    is_sealed(tracer, point, about) || is_inside(tracer, point)
+}
+
+/// The point lies in a solid.
+fn is_inside(tracer: &Tracer<'_>, point: SurfacePoint) -> bool {
     let scene = tracer.scene();
     let ground = Ground::new(scene.corners(point.triangle));
-    if is_sealed(tracer, &ground, point) {
-        return true;
-    }
     let frame = Frame::from_normal(ground.normal());
     let mut misses = 0;
     for k in 0..PROBES {

@@ -23,6 +23,7 @@ mod split;
 mod stack;
 mod traverse;
 mod triangle;
+mod within;
 
 pub use origin::Ground;
 
