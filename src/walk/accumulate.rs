@@ -120,7 +120,7 @@ impl Adder<'_> {
     /// Flux arrived at a point of the patch [texels from the texel's corner]; `key` is a hash of the arrival.
     pub(super) fn mark(&self, patch: usize, within: Vec2, flux: Rgb, key: u64) {
         let random = 1.0 - unit_f32(mix(key) as u32);
-        let order = -libm::logf(random) / flux.element_sum().max(f32::MIN_POSITIVE);
+        let order = libm::logf(random).abs() / flux.element_sum().max(f32::MIN_POSITIVE);
         // Floats that are not negative are ordered as their bits are.
         let entry = u64::from(order.to_bits()) << 32 | u64::from(Mark::new(within).0);
         let mark = &self.sums[patch].mark;

@@ -106,7 +106,7 @@ pub fn walk(
     progress: &Progress,
 ) -> Walk {
     let Start { unshot, tilts, emitted } = start;
-    let shooter = shoot::Shooter { tracer, patches, graph, settings, progress };
+    let shooter = shoot::Shooter { tracer, patches, graph, settings, progress, marks: tilts.is_some() };
     progress.start(settings.lines);
     let mut state = State::new(patches, unshot);
     if let Some(emitted) = emitted {

@@ -36,6 +36,8 @@ pub(super) struct Shooter<'a> {
     pub(super) graph: &'a PatchGraph,
     pub(super) settings: &'a Settings,
     pub(super) progress: &'a Progress,
+    /// Points where flux arrives are wanted.
+    pub(super) marks: bool,
 }
 
 /// Where on its patch a line starts.
@@ -53,7 +55,7 @@ pub(super) enum Starts<'a> {
 pub(super) struct Landed {
     /// Flux by patch [lm].
     pub(super) received: Vec<Rgb>,
-    /// A point of each patch where flux arrived.
+    /// A point of each patch where flux arrived; means nothing unless they are wanted.
     pub(super) marks: Vec<Mark>,
     pub(super) bounce: Bounce,
 }
@@ -153,8 +155,10 @@ impl Shooter<'_> {
         for key in order {
             let end = &ends[(key & u64::from(u32::MAX)) as usize];
             let units = adder.units(end.flux);
-            let bits = u64::from(end.within.x.to_bits()) << 32 | u64::from(end.within.y.to_bits());
-            adder.mark(end.patch, end.within, end.flux, bits ^ u64::from(end.distance.to_bits()) << 16);
+            if self.marks {
+                let bits = u64::from(end.within.x.to_bits()) << 32 | u64::from(end.within.y.to_bits());
+                adder.mark(end.patch, end.within, end.flux, bits ^ u64::from(end.distance.to_bits()) << 16);
+            }
             deposit(self.settings.splat, self.patches, self.graph, end, units, |p, units| adder.flux(p, units));
         }
     }
