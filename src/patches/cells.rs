@@ -29,9 +29,10 @@ impl Patches {
         around(cell_index(point, MASK_GRID)) & self.mask[front] != 0
     }
 
-    /// A cell of the exposure mask and the eight around it are exposed. Of a cell at the texel's border it is not known.
-    pub(super) fn is_inside_exposed(&self, front: usize, cell: usize) -> bool {
-        let around = around(cell);
+    /// The cell of the exposure mask that a point lies in and the eight around it are exposed. Of a cell at the texel's
+    /// border it is not known.
+    pub(super) fn is_inside_exposed(&self, front: usize, point: DVec2) -> bool {
+        let around = around(cell_index(point, MASK_GRID));
         around.count_ones() == 9 && around & !self.mask[front] == 0
     }
 

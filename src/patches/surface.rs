@@ -22,7 +22,7 @@ use crate::base::random::{mix, unit_f32};
 use crate::trace::{Ground, Tracer};
 use glam::{DVec2, Vec2, Vec3};
 
-/// Draws before a point where light is tilted is given up on: at least two in nine are taken.
+/// Draws before a point where light is tilted is given up on: at least three in sixteen are taken.
 const MOST_DRAWS: u32 = 16;
 /// Area of a cell of the exposure mask [texel²].
 const CELL_AREA: f32 = 1.0 / (MASK_GRID * MASK_GRID) as f32;
@@ -237,10 +237,9 @@ fn open_cells(patches: &Patches, front: usize) -> Vec<OpenCell> {
     let (mut open, mut running) = (vec![], 0.0);
     for (fragment, f) in patches.fragments.range(front).enumerate() {
         patches.cell_centroids(front, f, MASK_GRID, |_, middle, area| {
-            let cell = cell_index(middle, MASK_GRID);
-            if patches.mask[front] >> cell & 1 == 1 {
+            if patches.cell_is_exposed(front, middle) {
                 running += area;
-                let inner = area > 0.999 * CELL_AREA && patches.is_inside_exposed(front, cell);
+                let inner = area > 0.999 * CELL_AREA && patches.is_inside_exposed(front, middle);
                 let edge = if inner { 1.0 / f64::from(MASK_GRID) } else { 0.0 };
                 open.push(OpenCell { fragment, middle, edge, running });
             }
