@@ -119,8 +119,8 @@ pub struct Render {
     /// A glTF that `bake` wrote
     #[arg(value_name = "BAKED")]
     pub input: PathBuf,
-    /// The PNG to write
-    #[arg(short, long, value_name = "PNG")]
+    /// The picture to write: .png with exposure and tone curve, or .exr with radiance in cd/m²
+    #[arg(short, long, value_name = "PNG|EXR")]
     pub output: PathBuf,
     /// Camera of the document, by number [default: the first]
     #[arg(long, value_name = "N", conflicts_with = "auto")]

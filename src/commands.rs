@@ -149,13 +149,24 @@ pub(crate) fn render(typed: &cli::Render) -> Outcome {
             (false, None) => View::Default,
         },
         overlay: typed.overlay,
+        linear: is_exr(&typed.output),
     };
     let picture = render::render(&scene, &lightmaps, &settings).map_err(|e| (Exit::Usage, e.to_string()))?;
     let size = [picture.width, picture.height];
-    let bytes = png::picture(&typed.output, size, &picture.pixels).map_err(|e| (output_exit(&e), e.to_string()))?;
+    let bytes = if settings.linear {
+        exr::picture(&typed.output, size, &picture.pixels, &picture.coverage)
+    } else {
+        png::picture(&typed.output, size, &picture.pixels)
+    };
+    let bytes = bytes.map_err(|e| (output_exit(&e), e.to_string()))?;
     let inputs = &scene.document.files_read;
     atomic::commit(&[(typed.output.clone(), bytes)], inputs, &|| false)
         .map_err(|e| (output_exit(&e), e.to_string()))?;
-    show::wrote(&format!("{} ({}, exposure {:+.2} stops)", typed.output.display(), picture.camera, picture.exposure));
+    let scale = if settings.linear { "cd/m²".into() } else { format!("exposure {:+.2} stops", picture.exposure) };
+    show::wrote(&format!("{} ({}, {scale})", typed.output.display(), picture.camera));
     Ok(Exit::Ok)
+}
+
+fn is_exr(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"))
 }

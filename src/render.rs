@@ -12,6 +12,9 @@
 //! to [`KEY`]. The tone curve is per channel c(1 + c/W²)/(1 + c) with W = [`WHITE`]: Reinhard, Stark, Shirley,
 //! Ferwerda, "Photographic tone reproduction for digital images", SIGGRAPH 2002, eq. (4), there on luminance. Samples
 //! are averaged after the curve, so that edges of lamps stay smooth.
+//!
+//! With [`Settings::linear`] there is neither curve nor exposure nor background: the picture is the mean radiance of a
+//! pixel [cd/m²], to be compared with other programs.
 
 mod camera;
 mod lightmap;
@@ -60,24 +63,28 @@ pub struct Settings {
     pub view: View,
     /// What to show.
     pub overlay: Overlay,
+    /// Radiance [cd/m²] instead of display values.
+    pub linear: bool,
 }
 
 impl Default for Settings {
     fn default() -> Self {
         let (view, overlay) = (View::Default, Overlay::None);
-        Self { width: 1280, height: 720, samples: 16, exposure: None, view, overlay }
+        Self { width: 1280, height: 720, samples: 16, exposure: None, view, overlay, linear: false }
     }
 }
 
-/// A picture ready for sRGB encoding.
+/// A picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Picture {
     /// Width [px].
     pub width: u32,
     /// Height [px].
     pub height: u32,
-    /// Linear display values in [0, 1], top row first.
+    /// Linear display values in [0, 1], or radiance [cd/m²]; top row first.
     pub pixels: Vec<[f32; 3]>,
+    /// Part of each pixel that shows a surface, in [0, 1].
+    pub coverage: Vec<f32>,
     /// Exposure that was used [stops].
     pub exposure: f32,
     /// Name of the camera, or `auto`.
@@ -123,23 +130,30 @@ pub fn render(scene: &Scene, lightmaps: &Lightmaps, settings: &Settings) -> Resu
     let eye = camera::eye(&shot, settings.view, aspect)?;
     let size = [width as usize, height as usize];
     let exposure = match settings.exposure {
+        _ if settings.linear => 0.0,
         Some(stops) => stops,
         None => shot.auto_exposure(&eye, size),
     };
     let factor = libm::exp2f(exposure);
+    let value = |seen: &Seen| if settings.linear { seen.radiance() } else { seen.display(factor) };
     let strata = (1..).find(|n| n * n >= samples).unwrap_or(1);
-    let pixels = parallel::map(size[0] * size[1], |i| {
-        let mut sum = Rgb::ZERO;
+    let (pixels, coverage) = parallel::map(size[0] * size[1], |i| {
+        let (mut sum, mut surfaces) = (Rgb::ZERO, 0);
         let mut random = Stream::new(0, Stage::Render, i as u64, 0);
         for s in 0..strata * strata {
             let (sx, sy) = ((s % strata) as f32, (s / strata) as f32);
             let dx = (sx + random.next_f32()) / strata as f32;
             let dy = (sy + random.next_f32()) / strata as f32;
-            sum += shot.display(&eye.through(i, size, [dx, dy]), factor);
+            let seen = shot.look(&eye.through(i, size, [dx, dy]));
+            sum += value(&seen);
+            surfaces += u32::from(!matches!(seen, Seen::Sky(_) | Seen::Nothing));
         }
-        (sum / (strata * strata) as f32).to_array()
-    });
-    Ok(Picture { width, height, pixels, exposure, camera: eye.name })
+        let rays = (strata * strata) as f32;
+        ((sum / rays).to_array(), surfaces as f32 / rays)
+    })
+    .into_iter()
+    .unzip();
+    Ok(Picture { width, height, pixels, coverage, exposure, camera: eye.name })
 }
 
 /// What a ray from the camera shows.
@@ -152,6 +166,27 @@ enum Seen {
     Sky(Rgb),
     /// Nothing.
     Nothing,
+}
+
+impl Seen {
+    /// Linear display value in [0, 1].
+    fn display(&self, factor: f32) -> Rgb {
+        match *self {
+            Self::Surface(reflected, emitted) => tone((reflected + emitted) * factor),
+            Self::Sky(radiance) => tone(radiance * factor),
+            Self::Painted(color) => color.clamp(Rgb::ZERO, Rgb::ONE),
+            Self::Nothing => Rgb::splat(NEUTRAL),
+        }
+    }
+
+    /// Radiance [cd/m²]; black where there is nothing.
+    fn radiance(&self) -> Rgb {
+        match *self {
+            Self::Surface(reflected, emitted) => reflected + emitted,
+            Self::Sky(color) | Self::Painted(color) => color,
+            Self::Nothing => Rgb::ZERO,
+        }
+    }
 }
 
 /// A scene with everything that looking at it takes.
@@ -196,16 +231,6 @@ impl Shot<'_> {
         let irradiance = self.lightmaps.irradiance(self.scene, hit.triangle, hit.b).unwrap_or(Rgb::ZERO);
         let reflected = self.scene.reflectance(hit.triangle, hit.b) * irradiance * core::f32::consts::FRAC_1_PI;
         Seen::Surface(reflected, self.scene.emission(hit.triangle, hit.b))
-    }
-
-    /// Linear display value in [0, 1].
-    fn display(&self, ray: &Ray, factor: f32) -> Rgb {
-        match self.look(ray) {
-            Seen::Surface(reflected, emitted) => tone((reflected + emitted) * factor),
-            Seen::Sky(radiance) => tone(radiance * factor),
-            Seen::Painted(color) => color.clamp(Rgb::ZERO, Rgb::ONE),
-            Seen::Nothing => Rgb::splat(NEUTRAL),
-        }
     }
 
     /// Stops that map the log-average of what is lit to [`KEY`]; 0 if nothing is.

@@ -317,12 +317,13 @@ fn every_fixture_bakes_and_renders() {
         all.extend(QUICK);
         expect(&all, 0);
         let document = home.path().join(input.file_name().unwrap());
-        let picture = home.path().join("view.png");
-        expect(
-            &["render", path(&document), "-o", path(&picture), "--width", "64", "--height", "48", "--samples", "1"],
-            0,
-        );
+        let [picture, radiance] = ["view.png", "view.exr"].map(|name| home.path().join(name));
+        for out in [&picture, &radiance] {
+            let size = ["--width", "64", "--height", "48", "--samples", "1"];
+            expect(&[&["render", path(&document), "-o", path(out)], size.as_slice()].concat(), 0);
+        }
         assert!(fs::metadata(&picture).unwrap().len() > 100);
+        assert_eq!(exr::read_rgba(&radiance).unwrap().width, 64);
         let stem = input.file_stem().unwrap().to_string_lossy().into_owned();
         let image = exr::read_rgba(&home.path().join(format!("{stem}.lightmap0.exr"))).unwrap();
         assert!(image.pixels.iter().flatten().all(|v| v.is_finite() && *v >= 0.0), "{stem}");

@@ -74,6 +74,18 @@ fn a_constant_lightmap_shows_as_reflectance_times_irradiance_over_pi() {
 }
 
 #[test]
+fn a_linear_picture_is_radiance_without_curve_exposure_or_background() {
+    let scene = square();
+    let lightmaps = Lightmaps::new(vec![page(4, |_, _| 12.0)], &[Some((0, 1, core::f32::consts::PI))]);
+    let linear = Settings { linear: true, exposure: Some(3.0), ..settings(8) };
+    let picture = render(&scene, &lightmaps, &linear).unwrap();
+    (0..64).for_each(|i| shows(&picture, i % 8, i / 8, [6.0, 12.0, 0.0]));
+    assert!(picture.coverage.iter().all(|&c| c == 1.0) && picture.exposure == 0.0);
+    let away = render(&scene, &lightmaps, &Settings { width: 64, height: 8, ..linear }).unwrap();
+    assert_eq!((away.pixels[0], away.coverage[0]), ([0.0; 3], 0.0));
+}
+
+#[test]
 fn rows_run_down_and_columns_to_the_right() {
     let scene = square();
     let value = |x: u32, y: u32| if (x, y) == (3, 0) { 1.0 } else { 0.0 };
@@ -202,7 +214,8 @@ fn a_document_on_disk_with_its_pages() {
             (View::Auto, Overlay::Charts, "charts"),
             (View::Auto, Overlay::Density, "density"),
         ] {
-            let settings = Settings { width: 480, height: 270, samples: 4, exposure: None, view, overlay };
+            let settings =
+                Settings { width: 480, height: 270, samples: 4, exposure: None, view, overlay, linear: false };
             let picture = render(&baked, &lightmaps, &settings).unwrap();
             if let Some(keep) = std::env::var_os("TEXELWALK_TEST_OUTPUT") {
                 let file = std::path::Path::new(&keep).join(format!("{}-{suffix}.png", name.replace('/', "-")));

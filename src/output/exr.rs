@@ -57,6 +57,17 @@ pub fn lightmap(path: &Path, page: &Page, attributes: &Attributes) -> Result<Vec
     write(path, [page.width, page.height], named.collect(), attributes)
 }
 
+/// The bytes of a picture in linear values: float R, G, B, and coverage as A. `path` is for messages.
+///
+/// # Errors
+/// As for [`aovs`].
+pub fn picture(path: &Path, size: [u32; 2], pixels: &[[f32; 3]], coverage: &[f32]) -> Result<Vec<u8>, Error> {
+    let color = |c: usize| pixels.iter().map(|p| p[c]).collect::<Vec<f32>>();
+    let [red, green, blue] = [0, 1, 2].map(color);
+    let named = [("R", red), ("G", green), ("B", blue), ("A", coverage.to_vec())];
+    write(path, size, named.map(|(name, values)| (name.to_owned(), values, true)).into(), &Attributes::new())
+}
+
 /// The bytes of an AOV file: every layer's channels as `layer.channel` in one part. `path` is for messages.
 ///
 /// # Errors
