@@ -19,8 +19,9 @@ use crate::finish::{self, Errors, Lightmap};
 use crate::output::{self, report};
 use crate::patches::{PatchGraph, Patches};
 use crate::scene::{self, Scene};
-use crate::settings::{Quantity, Settings};
+use crate::settings::{Quantity, Settings, Target};
 use crate::trace::Tracer;
+use crate::vertices;
 use clock::Clock;
 use core::f32::consts::FRAC_1_PI;
 use groups::Group;
@@ -115,10 +116,24 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     let facts = write::Facts { request, scene: &scene, atlas: &atlas, patches: &patches };
     let setup = solve::Setup { settings, tracer: &tracer, patches: &patches, graph: &graph };
     let finished = |solution: &Solution| results(&setup, &groups, &atlas, solution);
-    let rehearse = |solution: &Solution| facts.encode(&finished(solution)).map(|_| ());
+    let fitted = |results: &mut write::Results, progress: &Progress| {
+        let how = vertices::Settings { subdivide: settings.subdivide };
+        results.vertices = Some(vertices::fit(&scene, &atlas, &patches, &results.lightmap, &how, progress));
+    };
+    let to_vertices = settings.target == Target::Vertex;
+    let rehearse = |solution: &Solution| {
+        let mut results = finished(solution);
+        if to_vertices {
+            fitted(&mut results, &Progress::default());
+        }
+        facts.encode(&results).map(|_| ())
+    };
     let mut solution = refine::refine(&setup, &groups, &mut clock, &rehearse)?;
     warnings.append(&mut solution.warnings);
-    let results = clock.timed("finish", |_| finished(&solution))?;
+    let mut results = clock.timed("finish", |_| finished(&solution))?;
+    if to_vertices {
+        clock.timed("vertices", |progress| fitted(&mut results, progress))?;
+    }
     facts.write(&solution, results, warnings, &mut clock)
 }
 
@@ -178,6 +193,7 @@ fn results(setup: &solve::Setup<'_>, groups: &[Group], atlas: &Atlas, solution: 
         groups: named.map(|(group, values)| (group.name.clone(), lightmap(values))).collect(),
         aovs: layers::layers(setup, atlas.pages, solution, factor),
         lightmap: lightmap(&whole),
+        vertices: None,
     }
 }
 

@@ -133,7 +133,7 @@ pub(crate) fn compare(typed: &cli::Compare) -> Outcome {
 pub(crate) fn render(typed: &cli::Render) -> Outcome {
     let how = scene::Settings { scene: typed.scene, ..scene::Settings::default() };
     let scene = scene::load(&typed.input, &how).map_err(|e| (scene_exit(&e), e.to_string()))?.output;
-    let lightmaps = Lightmaps::load(&scene.document).map_err(|e| (output_exit(&e), e.to_string()))?;
+    let lightmaps = Lightmaps::load(&scene).map_err(|e| (output_exit(&e), e.to_string()))?;
     if lightmaps.is_empty() {
         let path = typed.input.display();
         return Err((Exit::Input, format!("{path}: has no lightmap; bake it first, and render what bake wrote")));

@@ -88,4 +88,5 @@ pub mod render;
 pub mod scene;
 pub mod settings;
 pub mod trace;
+pub mod vertices;
 pub mod walk;

@@ -83,6 +83,28 @@ pub enum UvMode {
     Generate,
 }
 
+/// What is baked to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Target {
+    /// Pictures, and the mesh's place on them.
+    Lightmap,
+    /// Attributes of the vertices.
+    Vertex,
+}
+
+/// Which vertex attribute carries the light.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum VertexAttribute {
+    /// `_LIGHTMAP`, three floats as they are.
+    Lightmap,
+    /// `COLOR_0`, light times vertex colour over a scale, in [0, 1].
+    Color0,
+    /// Both.
+    Both,
+}
+
 /// What `--aov` can put beside the light.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -134,6 +156,29 @@ pub struct Options {
         help_heading = "Lightmap"
     )]
     pub light_groups: Option<bool>,
+
+    /// Bake to pictures, or to the vertices of the meshes [default: lightmap]
+    #[arg(long, value_enum, value_name = "TARGET", help_heading = "Vertices")]
+    pub target: Option<Target>,
+    /// Cut triangles until the error of light that is linear over them is at most X of the mean, for example 0.05
+    #[arg(long, value_name = "X", help_heading = "Vertices")]
+    pub subdivide: Option<f64>,
+    /// Which attribute carries the light [default: lightmap]
+    #[arg(long, value_enum, value_name = "NAME", help_heading = "Vertices")]
+    pub vertex_attribute: Option<VertexAttribute>,
+    /// Light that a COLOR_0 of 1 stands for, in cd/m² [default: the largest there is]
+    #[arg(long, value_name = "X", help_heading = "Vertices")]
+    pub vertex_scale: Option<f32>,
+    /// Make materials unlit, so that any viewer shows base colour times COLOR_0 [default: false]
+    #[arg(
+        long,
+        value_name = "BOOL",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "true",
+        help_heading = "Vertices"
+    )]
+    pub unlit: Option<bool>,
 
     /// What a line of the walk does at its hit
     #[arg(long, value_enum, value_name = "MODE", help_heading = "Solver")]
@@ -230,6 +275,21 @@ pub struct Settings {
     /// A lightmap per group of lights.
     #[serde(skip_serializing_if = "core::ops::Not::not")]
     pub light_groups: bool,
+    /// What is baked to.
+    #[serde(skip_serializing_if = "Target::is_lightmap")]
+    pub target: Target,
+    /// Error to cut triangles to.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub subdivide: Option<f64>,
+    /// Which vertex attribute carries the light.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub vertex_attribute: Option<VertexAttribute>,
+    /// Light of a `COLOR_0` of 1 [cd/m²].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub vertex_scale: Option<f32>,
+    /// Materials become unlit.
+    #[serde(skip_serializing_if = "core::ops::Not::not")]
+    pub unlit: bool,
     /// What a line does at its hit.
     pub splat: SplatMode,
     /// The paper's α [bit].
@@ -319,6 +379,11 @@ impl Options {
             quantity,
             aov,
             light_groups,
+            target,
+            subdivide,
+            vertex_attribute,
+            vertex_scale,
+            unlit,
             splat,
             alpha,
             beta,
@@ -361,6 +426,11 @@ impl Options {
             quantity: self.quantity.unwrap_or(Quantity::Radiosity),
             aov: self.aov.iter().flatten().copied().collect::<BTreeSet<_>>().into_iter().collect(),
             light_groups: self.light_groups.unwrap_or(false),
+            target: self.target.unwrap_or(Target::Lightmap),
+            subdivide: self.subdivide.map(|x| positive("--subdivide", x)).transpose()?,
+            vertex_attribute: self.vertex_attribute,
+            vertex_scale: self.vertex_scale.map(|x| within("--vertex-scale", x, 1e-6, 1e9)).transpose()?,
+            unlit: self.unlit.unwrap_or(false),
             splat: self.splat.unwrap_or(SplatMode::Share),
             alpha: within("--alpha", self.alpha.unwrap_or(5.0), 0.0, 100.0)?,
             beta: within("--beta", self.beta.unwrap_or(15.0), 0.0, 100.0)?,
@@ -397,11 +467,44 @@ impl Options {
         if settings.sky.iter().flatten().any(|v| !v.is_finite() || *v < 0.0) {
             return Err(Invalid("--sky: radiance must be finite and not negative".into()));
         }
+        settings.check_target()?;
         Ok(settings)
     }
 }
 
+impl Target {
+    fn is_lightmap(&self) -> bool {
+        *self == Self::Lightmap
+    }
+}
+
 impl Settings {
+    /// Options of one target make no sense for the other.
+    fn check_target(&self) -> Result<(), Invalid> {
+        let for_vertices = [
+            ("--subdivide", self.subdivide.is_some()),
+            ("--vertex-attribute", self.vertex_attribute.is_some()),
+            ("--vertex-scale", self.vertex_scale.is_some()),
+            ("--unlit", self.unlit),
+        ];
+        let for_lightmaps = [("--aov", !self.aov.is_empty()), ("--light-groups", self.light_groups)];
+        let (other, needed) = match self.target {
+            Target::Lightmap => (for_vertices.as_slice(), "vertex"),
+            Target::Vertex => (for_lightmaps.as_slice(), "lightmap"),
+        };
+        if let Some((option, _)) = other.iter().find(|(_, given)| *given) {
+            return Err(Invalid(format!("{option} needs --target {needed}")));
+        }
+        let color = !matches!(self.vertex_attribute, None | Some(VertexAttribute::Lightmap));
+        match [("--vertex-scale", self.vertex_scale.is_some()), ("--unlit", self.unlit)]
+            .iter()
+            .find(|(_, given)| *given)
+        {
+            Some((option, _)) if !color => Err(Invalid(format!("{option} needs --vertex-attribute color0 or both"))),
+            _ => Ok(()),
+        }
+    }
+
     /// The sky of these settings.
     #[must_use]
     pub fn sky(&self) -> Sky {
@@ -481,6 +584,16 @@ mod tests {
             assert!(wrong(&format!("target-error = {bad}")).contains("--target-error"));
             assert!(wrong(&format!("time-limit = {bad}")).contains("--time-limit"));
         }
+    }
+
+    #[test]
+    fn options_of_the_other_target_are_refused() {
+        let wrong = |text: &str| Options::from_toml(text).unwrap().settings().unwrap_err().to_string();
+        assert_eq!(wrong("subdivide = 0.1"), "--subdivide needs --target vertex");
+        assert_eq!(wrong("target = \"vertex\"\nlight-groups = true"), "--light-groups needs --target lightmap");
+        assert_eq!(wrong("target = \"vertex\"\nunlit = true"), "--unlit needs --vertex-attribute color0 or both");
+        let good = Options::from_toml("target = \"vertex\"\nvertex-attribute = \"both\"\nunlit = true").unwrap();
+        assert_eq!(good.settings().unwrap().target, Target::Vertex);
     }
 
     #[test]

@@ -69,6 +69,11 @@ pub(crate) fn outcome(outcome: &Outcome, verbose: bool) {
         atlas.utilization * 100.0,
         report.walk.bounces,
     );
+    if let Some(vertices) = &report.vertices {
+        let [fit, sampled] = [vertices.fit_nrmse, vertices.sampled_nrmse].map(|e| e * 100.0);
+        let count = vertices.vertices;
+        eprintln!("{count} vertices, {fit:.1} % off the texels (the texels at the vertices alone: {sampled:.1} %)");
+    }
     if verbose {
         let rate = report.rays_per_second / 1e6;
         eprintln!("{} rays at {rate:.2} M/s, peak memory {}", report.rays, size(report.peak_memory_bytes));

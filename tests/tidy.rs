@@ -17,7 +17,8 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("walk", &["base", "trace", "patches"]),
     ("gather", &["base", "trace", "patches"]),
     ("finish", &["base", "atlas", "patches"]),
-    ("output", &["base", "scene", "atlas", "finish"]),
+    ("vertices", &["base", "scene", "atlas", "patches", "finish"]),
+    ("output", &["base", "scene", "atlas", "finish", "vertices"]),
 ];
 const MOST_LINES: usize = 600;
 

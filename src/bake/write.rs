@@ -8,7 +8,8 @@ use crate::finish::Lightmap;
 use crate::output::{atomic, depfile, exr, gltf, names, png, report};
 use crate::patches::Patches;
 use crate::scene::Scene;
-use crate::settings::{Quantity, Settings};
+use crate::settings::{Quantity, Settings, VertexAttribute};
+use crate::vertices::{Fit, VertexLight};
 use std::path::PathBuf;
 
 /// Name and version that outputs carry.
@@ -29,6 +30,8 @@ pub(super) struct Results {
     pub(super) groups: Vec<(String, Lightmap)>,
     /// Layers by page.
     pub(super) aovs: Vec<Vec<exr::AovLayer>>,
+    /// Light at vertices instead of pages, if that is the target.
+    pub(super) vertices: Option<VertexLight>,
 }
 
 type File = (PathBuf, Vec<u8>);
@@ -59,8 +62,42 @@ impl Facts<'_> {
         Ok(Outcome { report, files, lightmap: results.lightmap })
     }
 
-    /// Pages, previews, what else lies beside them, then the document that refers to them.
+    /// What is baked, then the document that refers to it.
     pub(super) fn encode(&self, results: &Results) -> Result<(Vec<File>, Vec<Warning>), Error> {
+        match &results.vertices {
+            None => self.encode_pages(results),
+            Some(light) => self.encode_vertices(light),
+        }
+    }
+
+    fn encode_vertices(&self, light: &VertexLight) -> Result<(Vec<File>, Vec<Warning>), Error> {
+        let settings = &self.request.settings;
+        let document = names::document_path(&self.request.input, &self.request.output);
+        let wanted = settings.vertex_attribute.unwrap_or(VertexAttribute::Lightmap);
+        let how = gltf::VertexSettings {
+            common: gltf_settings(settings, document),
+            attributes: gltf::Attributes {
+                lightmap: wanted != VertexAttribute::Color0,
+                color: wanted != VertexAttribute::Lightmap,
+            },
+            scale: settings.vertex_scale,
+            unlit: settings.unlit,
+        };
+        let written = gltf::write_vertex_gltf(self.scene, light, &how)?;
+        let mut warnings = written.warnings;
+        if !light.fit.reached {
+            let (error, target) = (light.fit.error, settings.subdivide.unwrap_or_default());
+            let message = format!(
+                "the error of vertex light is {error:.4}, above --subdivide {target}: no triangle is \
+                 large enough to be cut; use smaller texels"
+            );
+            warnings.push(Warning::new("subdivide-missed", message));
+        }
+        Ok((written.output, warnings))
+    }
+
+    /// Pages, previews, what else lies beside them, then the document.
+    fn encode_pages(&self, results: &Results) -> Result<(Vec<File>, Vec<Warning>), Error> {
         let settings = &self.request.settings;
         let document = names::document_path(&self.request.input, &self.request.output);
         let names = names::page_files(&document, self.atlas.pages);
@@ -85,8 +122,7 @@ impl Facts<'_> {
                 files.push((path, bytes));
             }
         }
-        let how =
-            gltf::Settings { quantity: quantity(settings.quantity), output: document, generator: GENERATOR.to_owned() };
+        let how = gltf_settings(settings, document);
         let written = gltf::write_gltf(self.scene, self.atlas, &names, &how)?;
         files.extend(written.output);
         Ok((files, written.warnings))
@@ -153,12 +189,28 @@ impl Facts<'_> {
             error: report::EstimatedError { estimated_nrmse: solution.estimated_nrmse(patches) },
             refinement: solution.refinement.clone(),
             light_groups: self.group_files(results),
+            vertices: results.vertices.as_ref().map(|light| vertices(&light.fit)),
             rays,
             rays_per_second: rays as f64 / tracing_seconds.fold(0.0, |a, b| a + b).max(1e-9),
             stages: clock.stages.clone(),
             peak_memory_bytes: peak_memory_bytes(),
             warnings,
         }
+    }
+}
+
+fn gltf_settings(settings: &Settings, output: PathBuf) -> gltf::Settings {
+    gltf::Settings { quantity: quantity(settings.quantity), output, generator: GENERATOR.to_owned() }
+}
+
+fn vertices(fit: &Fit) -> report::Vertices {
+    report::Vertices {
+        vertices: fit.vertices,
+        unknowns: fit.unknowns,
+        triangles: fit.triangles,
+        fit_nrmse: fit.error,
+        sampled_nrmse: fit.error_sampled,
+        averaged_nrmse: fit.error_averaged,
     }
 }
 

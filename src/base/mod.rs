@@ -4,6 +4,7 @@
 //! transcendental functions come from `libm` (pure Rust), never from the platform's C library, and nothing uses fused
 //! multiply-add.
 
+pub mod bilinear;
 pub mod color;
 pub mod distribution;
 pub mod frame;

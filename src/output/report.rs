@@ -35,6 +35,8 @@ pub struct Report {
     pub refinement: Refinement,
     /// The lightmaps of groups of lights, if they were asked for.
     pub light_groups: Vec<LightGroup>,
+    /// The fit of vertex light; `null` for lightmaps.
+    pub vertices: Option<Vertices>,
     /// Rays of all stages.
     pub rays: u64,
     /// `rays` over the seconds of the stages that shot them.
@@ -141,6 +143,24 @@ pub struct LightGroup {
     pub files: Vec<String>,
 }
 
+/// Light at vertices. Errors are those of light that is linear over the triangles against the texels: root mean square
+/// over the mean.
+#[derive(Debug, Clone, Copy, Default, serde::Serialize)]
+pub struct Vertices {
+    /// Vertices with light.
+    pub vertices: u64,
+    /// Different values: vertices at one place with one normal share theirs.
+    pub unknowns: u64,
+    /// Triangles with light.
+    pub triangles: u64,
+    /// What was written.
+    pub fit_nrmse: f64,
+    /// What the lightmap's values at the vertices would have had.
+    pub sampled_nrmse: f64,
+    /// What means over the triangles around each vertex would have had.
+    pub averaged_nrmse: f64,
+}
+
 /// Time of one stage.
 #[derive(Debug, Clone, Default, serde::Serialize)]
 pub struct Stage {
@@ -184,6 +204,7 @@ mod tests {
         let report = Report {
             refinement: Refinement { passes: vec![Pass::default()], ..Refinement::default() },
             light_groups: vec![LightGroup { name: String::new(), files: vec![String::new()] }],
+            vertices: Some(Vertices::default()),
             stages: vec![Stage::default()],
             warnings: vec![Warning::new("some-code", "text").at("node 3")],
             ..Report::default()
@@ -195,7 +216,7 @@ mod tests {
             "{atlas{charts,page_size[],pages,texels,utilization},error{estimated_nrmse},gather{rays,rays_per_texel},\
              inputs,light_groups[{files[],name}],outputs,peak_memory_bytes,rays,rays_per_second,\
              refinement{ended_by,passes[{budget,estimated_nrmse,seconds}],target_error,time_limit},scene{instances,lights,materials,triangles},schema,\
-             settings{},stages[{name,seconds}],version,walk{bounces,lines,power_absorbed[],power_escaped[],power_in[],\
+             settings{},stages[{name,seconds}],version,vertices{averaged_nrmse,fit_nrmse,sampled_nrmse,triangles,unknowns,vertices},walk{bounces,lines,power_absorbed[],power_escaped[],power_in[],\
              power_residual[]},warnings[{code,message,node}]}"
         );
     }

@@ -44,7 +44,7 @@ impl Patches {
         let n = if self.mask[front] == u64::MAX { n } else { n.max(MASK_GRID) };
         for f in self.fragments.range(front) {
             self.cell_centroids(front, f, n, |point, centroid, area| {
-                if self.cell_is_exposed(front, centroid) {
+                if self.is_exposed_at(front, centroid) {
                     visit(point, centroid.as_vec2(), area);
                 }
             });
@@ -61,7 +61,7 @@ impl Patches {
         let (mut sum, mut total) = (DVec2::ZERO, 0.0);
         for f in range {
             self.cell_centroids(front, f, MASK_GRID, |_, centroid, area| {
-                if self.cell_is_exposed(front, centroid) {
+                if self.is_exposed_at(front, centroid) {
                     sum += centroid * f64::from(area);
                     total += f64::from(area);
                 }

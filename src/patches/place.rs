@@ -58,6 +58,12 @@ impl Patches {
     }
 
     /// The front patch of a texel.
+    #[must_use]
+    pub fn front_at(&self, page: u32, x: i32, y: i32) -> Option<usize> {
+        self.grid_at(page, x, y).map(|id| id as usize)
+    }
+
+    /// Number of the front patch of a texel.
     pub(super) fn grid_at(&self, page: u32, x: i32, y: i32) -> Option<u32> {
         let [width, height] = self.page_size;
         if x < 0 || y < 0 || x >= width as i32 || y >= height as i32 {

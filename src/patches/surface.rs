@@ -237,7 +237,7 @@ fn open_cells(patches: &Patches, front: usize) -> Vec<OpenCell> {
     let (mut open, mut running) = (vec![], 0.0);
     for (fragment, f) in patches.fragments.range(front).enumerate() {
         patches.cell_centroids(front, f, MASK_GRID, |_, middle, area| {
-            if patches.cell_is_exposed(front, middle) {
+            if patches.is_exposed_at(front, middle) {
                 running += area;
                 let inner = area > 0.999 * CELL_AREA && patches.is_inside_exposed(front, middle);
                 let edge = if inner { 1.0 / f64::from(MASK_GRID) } else { 0.0 };
@@ -249,7 +249,9 @@ fn open_cells(patches: &Patches, front: usize) -> Vec<OpenCell> {
 }
 
 impl Patches {
-    pub(super) fn cell_is_exposed(&self, front: usize, point: DVec2) -> bool {
+    /// The cell of the exposure mask that a point of a front patch lies in is exposed [texels from the texel's corner].
+    #[must_use]
+    pub fn is_exposed_at(&self, front: usize, point: DVec2) -> bool {
         self.mask[front] >> cell_index(point, MASK_GRID) & 1 == 1
     }
 }

@@ -1,9 +1,11 @@
 //! The lightmaps of a baked document, as its materials refer to them.
 //!
 //! A material's `MOZ_lightmap` names a texture, whose `extras.lightmap.uri` is the EXR page; texel × `intensity` is
-//! irradiance. The PNG of the texture is not used: it is clamped.
+//! irradiance. The PNG of the texture is not used: it is clamped. Light at vertices is the attribute `_LIGHTMAP` of a
+//! primitive, in the quantity that `extras.lightmap` of its scene names.
 
 use crate::base::Rgb;
+use crate::base::bilinear::bilinear;
 use crate::output::Error;
 use crate::output::exr;
 use crate::output::exr::ImageF32;
@@ -20,6 +22,8 @@ pub struct Lightmaps {
     pages: Vec<ImageF32>,
     /// By material of the document.
     materials: Vec<Option<Lightmap>>,
+    /// Irradiance at vertices by part [lx]; empty for parts without.
+    vertices: Vec<Vec<Rgb>>,
 }
 
 /// A material's lightmap.
@@ -32,11 +36,40 @@ struct Lightmap {
 }
 
 impl Lightmaps {
-    /// Reads the pages that a document refers to. Without any the result is empty.
+    /// Reads the pages that a scene's document refers to, and light at vertices. Without any the result is empty.
     ///
     /// # Errors
     /// If a page cannot be read, or a reference is broken.
-    pub fn load(document: &Document) -> Result<Self, Error> {
+    pub fn load(scene: &Scene) -> Result<Self, Error> {
+        let mut lightmaps = Self::load_pages(&scene.document)?;
+        lightmaps.load_vertices(scene)?;
+        Ok(lightmaps)
+    }
+
+    fn load_vertices(&mut self, scene: &Scene) -> Result<(), Error> {
+        let fail = |message: String| Error::invalid(&scene.document.path, message);
+        let root = Element::root(&scene.document.json).map_err(|e| fail(e.to_string()))?;
+        let quantity = |s: &Element<'_>| s.find(&["extras", "lightmap", "quantity"]).and_then(|q| q.string());
+        let irradiance = root.array("scenes").iter().find_map(quantity).is_some_and(|q| q == "irradiance");
+        let factor = if irradiance { 1.0 } else { core::f32::consts::PI };
+        let meshes = root.array("meshes");
+        self.vertices = vec![vec![]; scene.parts.len()];
+        for (part, values) in scene.parts.iter().zip(&mut self.vertices) {
+            let primitive = meshes.get(part.mesh).and_then(|m| m.array("primitives").get(part.primitive).copied());
+            let attributes = primitive.and_then(|p| p.get("attributes"));
+            let Some(accessor) = attributes.and_then(|a| a.index_at("_LIGHTMAP")) else { continue };
+            let data = scene.document.accessor(accessor)?;
+            if (data.components, data.component_type, data.count) != (3, 5126, part.vertices.len()) {
+                return Err(fail(format!("_LIGHTMAP of {} is not three floats for each vertex", part.name)));
+            }
+            let float = |b: &[u8]| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
+            let vector = |b: &[u8]| Rgb::new(float(b), float(&b[4..]), float(&b[8..])) * factor;
+            *values = data.bytes.chunks_exact(12).map(vector).collect();
+        }
+        Ok(())
+    }
+
+    fn load_pages(document: &Document) -> Result<Self, Error> {
         let fail = |message: String| Error::invalid(&document.path, message);
         let root = Element::root(&document.json).map_err(|e| fail(e.to_string()))?;
         let textures = root.array("textures");
@@ -74,21 +107,25 @@ impl Lightmaps {
     #[must_use]
     pub fn new(pages: Vec<ImageF32>, materials: &[Option<(usize, usize, f32)>]) -> Self {
         let lightmap = |&(page, uv_set, intensity): &(usize, usize, f32)| Lightmap { page, uv_set, intensity };
-        Self { pages, materials: materials.iter().map(|m| m.as_ref().map(lightmap)).collect() }
+        Self { pages, materials: materials.iter().map(|m| m.as_ref().map(lightmap)).collect(), vertices: vec![] }
     }
 
-    /// No material has one.
+    /// No material and no vertex has one.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.pages.is_empty()
+        self.pages.is_empty() && self.vertices.iter().all(Vec::is_empty)
     }
 
     /// Irradiance [lx] at a point of a triangle; `None` without a lightmap.
     #[must_use]
     pub fn irradiance(&self, scene: &Scene, triangle: u32, b: Vec2) -> Option<Rgb> {
+        if let Some([e0, e1, e2]) = self.corners(scene, triangle) {
+            return Some(e0 * (1.0 - b.x - b.y) + e1 * b.x + e2 * b.y);
+        }
         let (lightmap, page) = self.of(scene, triangle)?;
         let [p0, p1, p2] = self.texels(scene, triangle)?;
-        Some(bilinear(page, p0 * (1.0 - b.x - b.y) + p1 * b.x + p2 * b.y) * lightmap.intensity)
+        let at = p0 * (1.0 - b.x - b.y) + p1 * b.x + p2 * b.y;
+        Some(bilinear(page.width, page.height, &page.pixels, at) * lightmap.intensity)
     }
 
     /// Lightmap position of a triangle's corners [texels]; `None` without a lightmap.
@@ -100,45 +137,18 @@ impl Lightmaps {
         Some(scene.triangles[triangle as usize].map(|v| set[v as usize] * size))
     }
 
+    /// Irradiance at a triangle's corners [lx].
+    fn corners(&self, scene: &Scene, triangle: u32) -> Option<[Rgb; 3]> {
+        let part = scene.triangle_part[triangle as usize] as usize;
+        let values = self.vertices.get(part).filter(|values| !values.is_empty())?;
+        let first = scene.parts[part].vertices.start;
+        Some(scene.triangles[triangle as usize].map(|v| values[(v - first) as usize]))
+    }
+
     fn of(&self, scene: &Scene, triangle: u32) -> Option<(Lightmap, &ImageF32)> {
         let part = scene.part(triangle);
         let lightmap = (*self.materials.get(part.material)?)?;
         let has_set = lightmap.uv_set != 1 || part.has_uv1;
         Some((lightmap, self.pages.get(lightmap.page)?)).filter(|_| has_set)
-    }
-}
-
-/// Bilinear value at a position in texels; centres are at halves, the border holds beyond the edge.
-fn bilinear(page: &ImageF32, at: Vec2) -> Rgb {
-    if page.pixels.is_empty() || !at.is_finite() {
-        return Rgb::ZERO;
-    }
-    let corner = at - 0.5;
-    let floor = corner.floor();
-    let f = corner - floor;
-    let texel = |dx: f32, dy: f32| {
-        let x = (floor.x + dx).clamp(0.0, (page.width - 1) as f32) as usize;
-        let y = (floor.y + dy).clamp(0.0, (page.height - 1) as f32) as usize;
-        let [r, g, b, _] = page.pixels[y * page.width as usize + x];
-        Rgb::new(r, g, b)
-    };
-    let top = texel(0.0, 0.0) * (1.0 - f.x) + texel(1.0, 0.0) * f.x;
-    let bottom = texel(0.0, 1.0) * (1.0 - f.x) + texel(1.0, 1.0) * f.x;
-    top * (1.0 - f.y) + bottom * f.y
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn bilinear_is_exact_at_centres_linear_between_and_holds_the_border() {
-        let pixels = (0..6).map(|i| [i as f32, 0.0, 10.0 * i as f32, 0.0]).collect();
-        let page = ImageF32 { width: 3, height: 2, pixels, has_alpha: true };
-        let red = |x: f32, y: f32| bilinear(&page, Vec2::new(x, y)).x;
-        assert_eq!((red(0.5, 0.5), red(2.5, 1.5)), (0.0, 5.0));
-        assert!((red(1.0, 0.5) - 0.5).abs() < 1e-6 && (red(1.5, 1.0) - 2.5).abs() < 1e-6);
-        assert_eq!((red(-3.0, 0.0), red(99.0, 99.0), red(0.0, 1.9)), (0.0, 5.0, 3.0));
-        assert_eq!(bilinear(&page, Vec2::new(f32::NAN, 0.0)), Rgb::ZERO);
     }
 }

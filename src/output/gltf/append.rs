@@ -71,6 +71,28 @@ impl Append {
         ))
     }
 
+    /// A VEC3 float attribute.
+    pub(super) fn vectors(&mut self, vectors: impl ExactSizeIterator<Item = [f32; 3]>) -> usize {
+        let count = vectors.len();
+        let (view, bytes) = self.view(ARRAY_BUFFER, 12, "light");
+        let offset = bytes.len();
+        vectors.flatten().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
+        self.accessor(format!(
+            "{{\"bufferView\": {view}, \"byteOffset\": {offset}, \"componentType\": {F32}, \"count\": {count}, \"type\": \"VEC3\"}}"
+        ))
+    }
+
+    /// A VEC4 attribute of normalised 16-bit numbers.
+    pub(super) fn colors(&mut self, colors: impl ExactSizeIterator<Item = [u16; 4]>) -> usize {
+        let count = colors.len();
+        let (view, bytes) = self.view(ARRAY_BUFFER, 8, "colors");
+        let offset = bytes.len();
+        colors.flatten().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
+        self.accessor(format!(
+            "{{\"bufferView\": {view}, \"byteOffset\": {offset}, \"componentType\": {U16}, \"normalized\": true, \"count\": {count}, \"type\": \"VEC4\"}}"
+        ))
+    }
+
     /// A VEC2 float attribute of zeros; all of them share their bytes.
     pub(super) fn zero_uv(&mut self, count: usize) -> usize {
         let (view, bytes) = self.view(ARRAY_BUFFER, 8, "zeros");
@@ -174,7 +196,8 @@ pub(super) fn bounds(data: &AccessorData, picked: &[u32]) -> (String, String) {
     (list(least), list(most))
 }
 
-fn component(component_type: u32, bytes: &[u8]) -> f64 {
+/// The value of one component.
+pub(super) fn component(component_type: u32, bytes: &[u8]) -> f64 {
     match (component_type, bytes) {
         (5120, &[a]) => f64::from(a as i8),
         (5121, &[a]) => f64::from(a),

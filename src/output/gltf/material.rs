@@ -64,18 +64,17 @@ impl Assigned {
         self.index.get(&(source, lightmap)).copied()
     }
 
-    /// Splices the materials into the document. `first_texture` is the texture of page 0.
+    /// Splices the materials into the document; `edit` makes the text of a material for its use.
     pub(super) fn write(
         &self,
         splice: &mut Splice<'_>,
         root: &Element<'_>,
-        first_texture: usize,
-        quantity: Quantity,
+        edit: impl Fn(&str, Use) -> Result<String, Fault>,
     ) -> Result<(), Fault> {
         let materials = root.array("materials");
         let text = |source: Option<usize>, lightmap: Use| {
             let text = source.and_then(|i| materials.get(i)).map_or("{}", Element::text);
-            with_lightmap(text, first_texture + lightmap.page as usize, lightmap.set, quantity)
+            edit(text, lightmap)
         };
         for &(source, lightmap) in &self.in_place {
             if let Some(material) = materials.get(source) {
@@ -87,7 +86,8 @@ impl Assigned {
     }
 }
 
-fn with_lightmap(material: &str, texture: usize, set: usize, quantity: Quantity) -> Result<String, Fault> {
+/// A material's text with `MOZ_lightmap`.
+pub(super) fn with_lightmap(material: &str, texture: usize, set: usize, quantity: Quantity) -> Result<String, Fault> {
     let root = Element::root(material)?;
     let mut splice = Splice::new(material);
     let intensity = quantity.intensity();

@@ -66,7 +66,7 @@ impl<'a> Meshes<'a> {
     }
 
     /// The mesh of an instance.
-    pub(super) fn mesh(&mut self, instance: &Instance, warnings: &mut Vec<Warning>) -> Result<String, Error> {
+    pub(super) fn mesh(&mut self, instance: &Instance<Baked>, warnings: &mut Vec<Warning>) -> Result<String, Error> {
         let text = self.elements.meshes[instance.mesh].text();
         let root = Element::root(text).map_err(|e| self.fault(&e))?;
         let mut splice = Splice::new(text);

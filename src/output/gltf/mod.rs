@@ -9,6 +9,8 @@
 //! * a mesh per baked node that shares every accessor but its lightmap coordinates (`mesh`);
 //! * `TEXCOORD_0` of zeros where there is none, since numbered attributes must not leave gaps.
 //!
+//! Vertex light goes another way with the same parts: `vertex`.
+//!
 //! Nothing is renumbered or taken away; every byte of the JSON outside of these places stays.
 //!
 //! Known limits: animations that point into a material do not reach its copies for further pages. With `extras` of a
@@ -16,9 +18,15 @@
 
 mod append;
 mod container;
+mod interpolate;
 mod material;
 mod mesh;
 mod plan;
+mod vertex;
+
+pub use vertex::Attributes;
+pub use vertex::VertexSettings;
+pub use vertex::write_vertex_gltf;
 
 use super::Error;
 use super::names::PageFiles;
@@ -34,7 +42,10 @@ use crate::base::Warning;
 use crate::scene::Scene;
 use append::Append;
 use container::Container;
+use material::Use;
+use material::with_lightmap;
 use mesh::Meshes;
+use plan::Baked;
 use plan::Elements;
 use plan::Instance;
 use std::collections::BTreeSet;
@@ -103,28 +114,19 @@ pub fn write_gltf(
     let fault = |e: Fault| Error::invalid(&document.path, e.to_string());
     let root = Element::root(&document.json).map_err(fault)?;
     let elements = Elements::new(&root);
-    let instances = plan::instances(scene, atlas, &elements, &mut warnings)?;
-    let materials = plan::material_users(&instances, &elements).assign(elements.materials.len());
+    let instances = plan::lightmapped(scene, atlas, &elements, &mut warnings)?;
+    let materials = plan::material_users(&instances, &elements, Baked::uses).assign(elements.materials.len());
     let append = Append::new(root.array("bufferViews").len(), elements.accessors.len());
     let mut meshes = Meshes::new(scene, atlas, &elements, &materials, append);
     let mut splice = Splice::new(&document.json);
 
-    let mut new_meshes = Vec::new();
-    for instance in &instances {
-        let text = meshes.mesh(instance, &mut warnings)?;
-        if instance.in_place {
-            splice.replace(&elements.meshes[instance.mesh], text);
-        } else {
-            let index = elements.meshes.len() + new_meshes.len();
-            splice.set(&elements.nodes[instance.node], "mesh", index.to_string()).map_err(fault)?;
-            new_meshes.push(text);
-        }
-    }
-    splice.append_at(&root, "meshes", new_meshes).map_err(fault)?;
+    let texts: Result<Vec<String>, Error> = instances.iter().map(|i| meshes.mesh(i, &mut warnings)).collect();
+    place_meshes(&mut splice, &root, &elements, &instances, texts?).map_err(fault)?;
     if !instances.is_empty() {
         let uris = PageUris::new(pages, settings)?;
         let first_texture = root.array("textures").len();
-        materials.write(&mut splice, &root, first_texture, settings.quantity).map_err(fault)?;
+        let edit = |text: &str, l: Use| with_lightmap(text, first_texture + l.page as usize, l.set, settings.quantity);
+        materials.write(&mut splice, &root, edit).map_err(fault)?;
         textures(&mut splice, &root, &uris).map_err(fault)?;
         let manifest = manifest(atlas, &uris, first_texture, settings.quantity);
         manifests(&mut splice, &root, &elements, &instances, &manifest, &mut warnings).map_err(fault)?;
@@ -134,6 +136,27 @@ pub fn write_gltf(
     let bytes = container.place(&mut splice, &root, meshes.append, &mut warnings)?;
     let output = container.assemble(splice.apply().map_err(fault)?, bytes)?;
     Ok(Warned { output, warnings })
+}
+
+/// Puts the mesh of every instance into the document: in the place of its source, or behind the others.
+fn place_meshes<B>(
+    splice: &mut Splice<'_>,
+    root: &Element<'_>,
+    elements: &Elements<'_>,
+    instances: &[Instance<B>],
+    texts: Vec<String>,
+) -> Result<(), Fault> {
+    let mut added = Vec::new();
+    for (instance, text) in instances.iter().zip(texts) {
+        if instance.in_place {
+            splice.replace(&elements.meshes[instance.mesh], text);
+        } else {
+            let index = elements.meshes.len() + added.len();
+            splice.set(&elements.nodes[instance.node], "mesh", index.to_string())?;
+            added.push(text);
+        }
+    }
+    splice.append_at(root, "meshes", added)
 }
 
 /// URIs of a page's files from the document's folder, and the page's name.
@@ -170,10 +193,15 @@ fn textures(splice: &mut Splice<'_>, root: &Element<'_>, uris: &PageUris) -> Res
     splice.append_at(root, "samplers", vec![linear.to_owned()])?;
     splice.append_at(root, "images", images)?;
     splice.append_at(root, "textures", textures)?;
-    if !root.array("extensionsUsed").iter().any(|e| e.string().as_deref() == Some("MOZ_lightmap")) {
-        splice.append_at(root, "extensionsUsed", vec!["\"MOZ_lightmap\"".to_owned()])?;
+    declare(splice, root, "MOZ_lightmap")
+}
+
+/// Names an extension in `extensionsUsed`.
+fn declare(splice: &mut Splice<'_>, root: &Element<'_>, extension: &str) -> Result<(), Fault> {
+    if root.array("extensionsUsed").iter().any(|e| e.string().as_deref() == Some(extension)) {
+        return Ok(());
     }
-    Ok(())
+    splice.append_at(root, "extensionsUsed", vec![quoted(extension)])
 }
 
 fn manifest(atlas: &Atlas, uris: &PageUris, first_texture: usize, quantity: Quantity) -> String {
@@ -191,11 +219,11 @@ fn manifest(atlas: &Atlas, uris: &PageUris, first_texture: usize, quantity: Quan
 }
 
 /// Puts the manifest into every scene that shows a baked node.
-fn manifests(
+fn manifests<B>(
     splice: &mut Splice<'_>,
     root: &Element<'_>,
     elements: &Elements<'_>,
-    instances: &[Instance],
+    instances: &[Instance<B>],
     manifest: &str,
     warnings: &mut Vec<Warning>,
 ) -> Result<(), Fault> {
@@ -213,7 +241,8 @@ fn manifests(
             continue;
         }
         if scene.get("extras").is_some_and(|e| !e.is_object()) {
-            let message = format!("the extras of scene {i} are no object; the list of lightmap pages was left out");
+            let message =
+                format!("the extras of scene {i} are no object; the description of the lightmap was left out");
             warnings.push(Warning::new("scene-extras", message));
             continue;
         }

@@ -25,12 +25,12 @@ use std::collections::BTreeSet;
 /// bilinear look-up shows at half precision.
 const SAME_PLACE: f32 = 1.0 / 256.0;
 
-/// A node with light on it.
-pub(super) struct Instance {
+/// A node with light on it; `B` says what a primitive carries.
+pub(super) struct Instance<B> {
     pub(super) node: usize,
     pub(super) mesh: usize,
     /// Primitive of the mesh → what is baked on it.
-    pub(super) baked: BTreeMap<usize, Baked>,
+    pub(super) baked: BTreeMap<usize, B>,
     /// It replaces the source mesh.
     pub(super) in_place: bool,
 }
@@ -47,6 +47,13 @@ pub(super) struct Baked {
     pub(super) keep_uv: bool,
     /// Output vertices equal source vertices.
     pub(super) unsplit: bool,
+}
+
+impl Baked {
+    /// What its materials are used with.
+    pub(super) fn uses(&self) -> Vec<Option<Use>> {
+        self.pages.iter().map(|&page| Some(Use { page, set: self.set })).collect()
+    }
 }
 
 /// The elements of a document that a plan looks at.
@@ -72,19 +79,18 @@ impl<'a> Elements<'a> {
     }
 }
 
-/// All instances, in the order in which the scene has their nodes.
-pub(super) fn instances(
+/// All instances with a lightmap, in the order in which the scene has their nodes.
+pub(super) fn lightmapped(
     scene: &Scene,
     atlas: &Atlas,
     elements: &Elements<'_>,
     warnings: &mut Vec<Warning>,
-) -> Result<Vec<Instance>, Error> {
+) -> Result<Vec<Instance<Baked>>, Error> {
     let fail = |message: String| Error::invalid(&scene.document.path, message);
     if atlas.parts.len() != scene.parts.len() {
         return Err(fail(format!("{} parts, but {} are charted", scene.parts.len(), atlas.parts.len())));
     }
-    let mut all: Vec<Instance> = Vec::new();
-    let mut by_node: BTreeMap<usize, usize> = BTreeMap::new();
+    let mut all = Vec::new();
     for (p, (part, charted)) in scene.parts.iter().zip(&atlas.parts).enumerate() {
         check(charted, atlas).map_err(|why| fail(format!("{}, primitive {}: {why}", part.name, part.primitive)))?;
         let pages: BTreeSet<u32> =
@@ -92,10 +98,7 @@ pub(super) fn instances(
         if pages.is_empty() || !part.receives {
             continue;
         }
-        let primitive = elements.primitives.get(part.mesh).and_then(|all| all.get(part.primitive));
-        let (Some(primitive), true) = (primitive, part.node < elements.nodes.len()) else {
-            return Err(fail(format!("{} refers to a mesh or node that the document lacks", part.name)));
-        };
+        let primitive = primitive(scene, elements, p)?;
         let baked = baked(scene, atlas, elements, p, primitive, pages.into_iter().collect());
         if baked.set != 1 {
             let message = format!(
@@ -104,12 +107,39 @@ pub(super) fn instances(
             );
             warnings.push(Warning::new("lightmap-uv-set", message).at(part.name.as_str()));
         }
+        all.push((p, baked));
+    }
+    instances(scene, elements, all)
+}
+
+/// The primitive of a part.
+fn primitive<'e, 'a>(scene: &Scene, elements: &'e Elements<'a>, part: usize) -> Result<&'e Element<'a>, Error> {
+    let part = &scene.parts[part];
+    let primitive = elements.primitives.get(part.mesh).and_then(|all| all.get(part.primitive));
+    primitive.filter(|_| part.node < elements.nodes.len()).ok_or_else(|| {
+        let message = format!("{} refers to a mesh or node that the document lacks", part.name);
+        Error::invalid(&scene.document.path, message)
+    })
+}
+
+/// Parts with what is baked on them, sorted into instances in the order of their nodes in `parts`.
+pub(super) fn instances<B>(
+    scene: &Scene,
+    elements: &Elements<'_>,
+    parts: Vec<(usize, B)>,
+) -> Result<Vec<Instance<B>>, Error> {
+    let mut all: Vec<Instance<B>> = Vec::new();
+    let mut by_node: BTreeMap<usize, usize> = BTreeMap::new();
+    for (p, baked) in parts {
+        primitive(scene, elements, p)?;
+        let part = &scene.parts[p];
         let at = *by_node.entry(part.node).or_insert(all.len());
         if at == all.len() {
             all.push(Instance { node: part.node, mesh: part.mesh, baked: BTreeMap::new(), in_place: false });
         }
         if all[at].mesh != part.mesh || all[at].baked.insert(part.primitive, baked).is_some() {
-            return Err(fail(format!("{}: one node places a primitive twice, which glTF cannot express", part.name)));
+            let message = format!("{}: one node places a primitive twice, which glTF cannot express", part.name);
+            return Err(Error::invalid(&scene.document.path, message));
         }
     }
     let mut unbaked_meshes: BTreeSet<usize> = BTreeSet::new();
@@ -190,8 +220,12 @@ pub(super) fn materials_of(primitive: &Element<'_>) -> Vec<Option<usize>> {
     core::iter::once(primitive.index_at("material")).chain(variants).collect()
 }
 
-/// Every use of a material in the output.
-pub(super) fn material_users(instances: &[Instance], elements: &Elements<'_>) -> Users {
+/// Every use of a material in the output; `uses` are those of a baked primitive.
+pub(super) fn material_users<B>(
+    instances: &[Instance<B>],
+    elements: &Elements<'_>,
+    uses: impl Fn(&B) -> Vec<Option<Use>>,
+) -> Users {
     let mut users = Users::default();
     let replaced: BTreeSet<usize> = instances.iter().filter(|i| i.in_place).map(|i| i.mesh).collect();
     for (mesh, primitives) in elements.primitives.iter().enumerate() {
@@ -201,13 +235,9 @@ pub(super) fn material_users(instances: &[Instance], elements: &Elements<'_>) ->
     }
     for instance in instances {
         for (i, primitive) in elements.primitives[instance.mesh].iter().enumerate() {
+            let own = instance.baked.get(&i).map_or_else(|| vec![None], &uses);
             for material in materials_of(primitive) {
-                match instance.baked.get(&i) {
-                    None => users.add(material, None),
-                    Some(b) => {
-                        b.pages.iter().for_each(|&page| users.add(material, Some(Use { page, set: b.set })));
-                    }
-                }
+                own.iter().for_each(|&lightmap| users.add(material, lightmap));
             }
         }
     }

@@ -1,0 +1,222 @@
+//! The normal equations of the fit, and errors of any solution.
+//!
+//! In: mesh and field. Out: a sparse symmetric matrix by rows, its right-hand side, and the integrals of each triangle
+//! that tell the error of a solution without looking at a texel again.
+//!
+//! Symbols: M = ∫ φ_i φ_j over what is exposed, b = ∫ f φ_i, x values at the unknowns. The matrix is M, the hinges of
+//! [`bend`](super::bend), and for triangles of which a part h of the area A is hidden a pull [`FILL`] h²/A between their
+//! corners: without it, nothing would say what a vertex inside a solid holds.
+//!
+//! Invariant: rows of hinges and pulls add up to zero, so constants are solved exactly.
+
+use super::bend::Hinge;
+use super::bend::hinges;
+use super::mesh::Element;
+use super::mesh::Mesh;
+use super::quadrature::Field;
+use super::weld;
+use crate::base::parallel;
+use glam::DVec3;
+
+/// Larger: light under furniture is pulled into the open; smaller: more steps of the solver.
+const FILL: f64 = 0.01;
+
+/// Integrals over one triangle.
+#[derive(Debug, Clone, Copy, Default)]
+struct Local {
+    /// ∫ φ_j φ_k for (0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2) [m²].
+    mass: [f64; 6],
+    /// ∫ f φ_k.
+    load: [DVec3; 3],
+    /// ∫ f².
+    square: DVec3,
+}
+
+/// Index into [`Local::mass`].
+const PAIR: [[usize; 3]; 3] = [[0, 1, 2], [1, 3, 4], [2, 4, 5]];
+
+/// The equations.
+pub(super) struct System {
+    /// Unknown of each vertex of the mesh.
+    pub(super) unknown: Vec<u32>,
+    /// Unknowns of each triangle's corners.
+    corners: Vec<[u32; 3]>,
+    locals: Vec<Local>,
+    first: Vec<usize>,
+    columns: Vec<u32>,
+    entries: Vec<f64>,
+    pub(super) diagonal: Vec<f64>,
+    pub(super) load: Vec<DVec3>,
+    /// ∫ φ_i [m²].
+    mass: Vec<f64>,
+}
+
+impl System {
+    pub(super) fn new(mesh: &Mesh, field: &Field<'_>) -> Self {
+        let places = weld::places(&mesh.vertices);
+        let (unknown, count) = weld::unknowns(&mesh.vertices, &places);
+        let corners: Vec<[u32; 3]> = mesh.elements.iter().map(|e| e.corners.map(|v| unknown[v as usize])).collect();
+        let locals = parallel::map(corners.len(), |e| integrals(&mesh.elements[e], field));
+        let hinges = hinges(mesh, &unknown);
+        let around = Around::new(count, corners.iter().map(<[u32; 3]>::as_slice));
+        let hinged = Around::new(count, hinges.iter().map(|h| h.unknowns.as_slice()));
+        let mut system = Self {
+            load: parallel::map_light(count, |i| around.of(i).fold(DVec3::ZERO, |sum, (e, k)| sum + locals[e].load[k])),
+            mass: parallel::map_light(count, |i| {
+                around.of(i).fold(0.0, |sum, (e, k)| sum + (0..3).fold(0.0, |s, j| s + locals[e].mass[PAIR[k][j]]))
+            }),
+            unknown,
+            corners,
+            locals,
+            first: vec![0],
+            columns: vec![],
+            entries: vec![],
+            diagonal: vec![0.0; count],
+        };
+        let rows = parallel::map_light(count, |i| system.row(i, mesh, &around, &hinged, &hinges));
+        for (i, row) in rows.into_iter().enumerate() {
+            for (column, entry) in row {
+                if column as usize == i {
+                    system.diagonal[i] = entry;
+                }
+                system.columns.push(column);
+                system.entries.push(entry);
+            }
+            system.first.push(system.columns.len());
+        }
+        system
+    }
+
+    /// Columns and entries of one row, ascending.
+    fn row(&self, i: usize, mesh: &Mesh, around: &Around, hinged: &Around, hinges: &[Hinge]) -> Vec<(u32, f64)> {
+        let mut terms: Vec<(u32, f64)> = vec![];
+        for (e, k) in around.of(i) {
+            let local = &self.locals[e];
+            let pull = pull(&mesh.elements[e], local);
+            for j in 0..3 {
+                let fill = if j == k { 2.0 * pull } else { -pull };
+                terms.push((self.corners[e][j], local.mass[PAIR[k][j]] + fill));
+            }
+        }
+        for (h, k) in hinged.of(i) {
+            let Hinge { unknowns, weights } = &hinges[h];
+            terms.extend(unknowns.iter().zip(weights).map(|(&u, w)| (u, weights[k] * w)));
+        }
+        terms.sort_by_key(|(column, _)| *column);
+        let mut row: Vec<(u32, f64)> = vec![];
+        for (column, entry) in terms {
+            match row.last_mut().filter(|last| last.0 == column) {
+                Some(last) => last.1 += entry,
+                None => row.push((column, entry)),
+            }
+        }
+        row
+    }
+
+    /// Matrix times x.
+    pub(super) fn times(&self, x: &[DVec3]) -> Vec<DVec3> {
+        parallel::map_light(x.len(), |i| {
+            let range = self.first[i]..self.first[i + 1];
+            let terms = self.columns[range.clone()].iter().zip(&self.entries[range]);
+            terms.fold(DVec3::ZERO, |sum, (&column, &entry)| sum + x[column as usize] * entry)
+        })
+    }
+
+    /// b/∫φ: mean light around each unknown, weighted by its hat function; zero where nothing is exposed.
+    pub(super) fn averaged(&self) -> Vec<DVec3> {
+        let mean = |(b, m): (&DVec3, &f64)| if *m > 0.0 { *b / *m } else { DVec3::ZERO };
+        self.load.iter().zip(&self.mass).map(mean).collect()
+    }
+
+    /// The lightmap's value at each unknown, mean over the triangles around it.
+    pub(super) fn sampled(&self, mesh: &Mesh, field: &Field<'_>) -> Vec<DVec3> {
+        let mut sums = vec![(DVec3::ZERO, 0.0); self.load.len()];
+        for (element, corners) in mesh.elements.iter().zip(&self.corners).filter(|(e, _)| e.is_charted()) {
+            for (uv, &corner) in element.uv.iter().zip(corners) {
+                let (sum, count) = &mut sums[corner as usize];
+                *sum += field.light(element.page, *uv);
+                *count += 1.0;
+            }
+        }
+        sums.into_iter().map(|(sum, count)| sum / f64::max(count, 1.0)).collect()
+    }
+
+    /// ∫ (f − x)² of each triangle, channels added.
+    pub(super) fn errors(&self, x: &[DVec3]) -> Vec<f64> {
+        parallel::map_light(self.locals.len(), |e| self.locals[e].error(self.corners[e].map(|u| x[u as usize])))
+    }
+
+    /// Root mean square error over the mean.
+    pub(super) fn relative_error(&self, x: &[DVec3]) -> f64 {
+        let error: f64 = self.errors(x).iter().fold(0.0, |a, b| a + b);
+        let light = self.load.iter().fold(DVec3::ZERO, |a, b| a + *b).element_sum() / 3.0;
+        let area = self.mass.iter().fold(0.0, |a, b| a + b);
+        if light > 0.0 { (error / 3.0 * area).max(0.0).sqrt() / light } else { 0.0 }
+    }
+}
+
+impl Local {
+    fn error(&self, x: [DVec3; 3]) -> f64 {
+        let mut sum = self.square;
+        for k in 0..3 {
+            sum -= 2.0 * x[k] * self.load[k];
+            for j in 0..3 {
+                sum += x[k] * x[j] * self.mass[PAIR[k][j]];
+            }
+        }
+        sum.element_sum().max(0.0)
+    }
+
+    /// Area that was seen [m²].
+    fn area(&self) -> f64 {
+        let [a, b, c, d, e, f] = self.mass;
+        a + d + f + 2.0 * (b + c + e)
+    }
+}
+
+fn integrals(element: &Element, field: &Field<'_>) -> Local {
+    let mut local = Local::default();
+    field.visit(element, |point| {
+        for k in 0..3 {
+            local.load[k] += point.light * (point.area * point.hats[k]);
+            for j in k..3 {
+                local.mass[PAIR[k][j]] += point.area * point.hats[k] * point.hats[j];
+            }
+        }
+        local.square += point.light * point.light * point.area;
+    });
+    local
+}
+
+/// Weight of (x_j − x_k)² for the corners of a triangle that is partly hidden.
+fn pull(element: &Element, local: &Local) -> f64 {
+    let hidden = (element.area - local.area()).max(0.0);
+    if element.area > 0.0 { FILL * hidden * hidden / element.area } else { 0.0 }
+}
+
+/// Which things each unknown is part of.
+struct Around {
+    first: Vec<usize>,
+    /// Thing, and the number of the unknown in it.
+    items: Vec<(u32, u8)>,
+}
+
+impl Around {
+    fn new<'a>(count: usize, things: impl Iterator<Item = &'a [u32]> + Clone) -> Self {
+        let mut first = vec![0; count + 1];
+        things.clone().flatten().for_each(|&u| first[u as usize + 1] += 1);
+        (0..count).for_each(|i| first[i + 1] += first[i]);
+        let (mut next, mut items) = (first.clone(), vec![(0, 0); first[count]]);
+        for (thing, unknowns) in (0..).zip(things) {
+            for (k, &u) in (0..).zip(unknowns) {
+                items[next[u as usize]] = (thing, k);
+                next[u as usize] += 1;
+            }
+        }
+        Self { first, items }
+    }
+
+    fn of(&self, i: usize) -> impl Iterator<Item = (usize, usize)> + '_ {
+        self.items[self.first[i]..self.first[i + 1]].iter().map(|&(thing, k)| (thing as usize, usize::from(k)))
+    }
+}
