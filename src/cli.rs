@@ -13,7 +13,7 @@ Start here:
 Exit codes: 0 ok, 1 bake failed, 2 usage, 3 input invalid or unsupported, 4 file system,
 5 warnings under --strict, 7 compare found a difference, 130 interrupted.";
 
-/// Bakes diffuse global illumination into lightmaps for glTF assets: no GPU, no window, the same bytes every time.
+/// Bakes diffuse global illumination into lightmaps or vertex colours for glTF assets: no GPU, no window, the same bytes every time.
 #[derive(Debug, Parser)]
 #[command(name = "texelwalk", version, after_help = AFTER_HELP, max_term_width = 100)]
 pub struct Cli {
@@ -25,7 +25,7 @@ pub struct Cli {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Bake a glTF's lighting into a lightmap (the main job)
+    /// Bake a glTF's lighting into a lightmap, or into its vertices (the main job)
     Bake(Box<Bake>),
     /// Say what would be baked: meshes, texels, lights, faults
     Inspect(Inspect),

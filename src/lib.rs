@@ -1,11 +1,12 @@
-//! texelwalk bakes diffuse global illumination into lightmaps for glTF assets, headless and reproducible.
+//! texelwalk bakes diffuse global illumination into lightmaps or vertex colours for glTF assets, headless and
+//! reproducible.
 //!
 //! # The pipeline
 //!
 //! ```text
-//! scene ─► atlas ─► patches ─► light ─► walk ─► gather ─► finish ─► output
-//! glTF     xatlas    texels     direct   fuzzy    last      sharing   EXR, glTF,
-//!          charts    + links    light    random   bounce    dilation  PNG, report
+//! scene ─► atlas ─► patches ─► light ─► walk ─► gather ─► finish ─► (vertices) ─► output
+//! glTF     xatlas    texels     direct   fuzzy    last      sharing    least        EXR, glTF,
+//!          charts    + links    light    random   bounce    dilation   squares      PNG, report
 //!                                        walk     per texel
 //! ```
 //!
@@ -13,7 +14,8 @@
 //! after it nothing is optional. [`trace`] answers what a ray meets. [`atlas`] gives every surface a place on a
 //! lightmap page. [`patches`] makes every texel that a triangle touches a patch, and links neighbours that see each
 //! other. [`light`] finds direct light, [`walk`] all bounces, [`mod@gather`] the last bounce once more per texel.
-//! [`finish`] shares noisy light between neighbours, fills pages and dilates them. [`output`] turns results into bytes
+//! [`finish`] shares noisy light between neighbours, fills pages and dilates them. [`vertices`] fits light at the
+//! vertices to the pages, where that is what is wanted. [`output`] turns results into bytes
 //! and puts them on the disk together. [`mod@inspect`], [`mod@compare`] and [`mod@render`] look at inputs and results.
 //! [`settings`] says what the options of [`cli`] mean.
 //!
@@ -70,6 +72,7 @@
 //! * A. Ahmed, P. Wonka: "Screen-space Blue-noise Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of
 //!   Pixels". ACM TOG 39(6), 2020. Points along a Z-order curve.
 //! * B. Burley: "Practical Hash-based Owen Scrambling". JCGT 9(4), 2020. Low-discrepancy points.
+//! * L. Kavan, A. W. Bargteil, P.-P. Sloan: "Least Squares Vertex Baking". EGSR 2011. Light at vertices.
 //! * S. Woop, C. Benthin, I. Wald: "Watertight Ray/Triangle Intersection". JCGT 2(1), 2013.
 //! * Khronos Group: glTF 2.0 specification and the extension `KHR_lights_punctual`. Units and falloff.
 

@@ -17,7 +17,7 @@ use crate::base::parallel;
 use glam::DVec3;
 
 /// λ. Larger: light becomes smoother than it is; smaller: vertices of triangles that see few texels swing.
-const STIFFNESS: f64 = 0.003;
+const STIFFNESS: f64 = 0.001;
 /// Cotangents beyond it are cut: needles would tie their neighbours to rounding errors.
 const MOST_COTANGENT: f64 = 10.0;
 

@@ -18,9 +18,9 @@ use glam::BVec3;
 use glam::DVec3;
 
 /// Residual at which a channel is solved, relative to the right-hand side, both in the norm of the preconditioner. A
-/// hundredth of what half floats keep.
-const CLOSE: f64 = 1e-6;
-/// Steps of a round. Office needs 40 to 90.
+/// thousandth of what half floats keep.
+const CLOSE: f64 = 1e-7;
+/// Steps of a round. Most need 5 to 20.
 const MOST_STEPS: usize = 400;
 /// Rounds of fixing and freeing. Most scenes need 3 to 6.
 const MOST_ROUNDS: usize = 16;

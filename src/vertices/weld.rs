@@ -8,7 +8,8 @@
 
 use super::mesh::Vertex;
 use glam::DVec3;
-use std::collections::BTreeMap;
+use rayon::slice::ParallelSliceMut;
+use std::collections::HashMap;
 
 /// Distance of places that are one, in parts of the largest coordinate: some rounding steps of an `f32`.
 const NEAR: f64 = 1e-6;
@@ -24,22 +25,33 @@ pub(super) fn places(vertices: &[Vertex]) -> (Vec<u32>, usize) {
     let most = vertices.iter().fold(0.0f64, |m, v| m.max(v.position.abs().max_element()));
     let near = (NEAR * most).max(f64::MIN_POSITIVE);
     let cell_of = |p: DVec3| (p / (CELL * near)).floor().to_array().map(|x| x as i64);
-    let mut cells: BTreeMap<[i64; 3], Vec<(DVec3, u32)>> = BTreeMap::new();
-    let (mut class, mut count) = (Vec::with_capacity(vertices.len()), 0);
-    for vertex in vertices {
-        let p = vertex.position;
+    let mut cells: HashMap<[i64; 3], Vec<(DVec3, u32)>> = HashMap::new();
+    let (mut class, mut count) = (vec![0; vertices.len()], 0);
+    for same in coincident(vertices) {
+        let p = vertices[same[0] as usize].position;
         let (low, high) = (cell_of(p - near), cell_of(p + near));
-        let same = corners(low, high).find_map(|cell| {
+        let known = corners(low, high).find_map(|cell| {
             let known = cells.get(&cell)?.iter().take(CROWD);
             known.clone().find(|(q, _)| (*q - p).abs().max_element() <= near).map(|(_, class)| *class)
         });
-        class.push(same.unwrap_or_else(|| {
+        let own = known.unwrap_or_else(|| {
             cells.entry(cell_of(p)).or_default().push((p, count));
             count += 1;
             count - 1
-        }));
+        });
+        same.iter().for_each(|&v| class[v as usize] = own);
     }
     (class, count as usize)
+}
+
+/// Vertices at exactly one place, in the order of their first ones: most of those that are one.
+fn coincident(vertices: &[Vertex]) -> Vec<Vec<u32>> {
+    let key = |v: u32| vertices[v as usize].position.to_array().map(f64::to_bits);
+    let mut order: Vec<u32> = (0..vertices.len() as u32).collect();
+    order.par_sort_unstable_by_key(|&v| (key(v), v));
+    let mut groups: Vec<Vec<u32>> = order.chunk_by(|&a, &b| key(a) == key(b)).map(<[u32]>::to_vec).collect();
+    groups.par_sort_unstable_by_key(|group| group[0]);
+    groups
 }
 
 /// Cells between two that differ by at most one in each coordinate.
