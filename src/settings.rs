@@ -4,118 +4,16 @@
 //! named). The presets are the files in `pipelines/presets`; their keys and those of a configuration file are the long
 //! option names.
 
+mod choices;
+
+pub use choices::{Aov, DirectMode, Preset, Quantity, SplatMode, Target, UvMode, VertexAttribute};
+
 use crate::atlas::Uv;
 use crate::base::Rgb;
 use crate::scene::Sky;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
-
-/// The named settings that ship with texelwalk.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Preset {
-    /// Seconds: coarse texels, few rays.
-    Preview,
-    /// The default: shared walk and a final gather.
-    Production,
-    /// Twice the density and four times the rays of `production`.
-    Final,
-    /// The paper's method: splatting walk, direct light shot, no gather.
-    Paper,
-}
-
-impl Preset {
-    /// All of them.
-    pub const ALL: [Self; 4] = [Self::Preview, Self::Production, Self::Final, Self::Paper];
-
-    fn text(self) -> &'static str {
-        match self {
-            Self::Preview => include_str!("../pipelines/presets/preview.toml"),
-            Self::Production => include_str!("../pipelines/presets/production.toml"),
-            Self::Final => include_str!("../pipelines/presets/final.toml"),
-            Self::Paper => include_str!("../pipelines/presets/paper.toml"),
-        }
-    }
-}
-
-/// What a line of the walk does at its hit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum SplatMode {
-    /// Classic random walk: all to the patch that was hit.
-    None,
-    /// The paper's splat by uncertainty (--alpha, --beta); biased.
-    Paper,
-    /// Conductance sharing as far as the noise needs it; converges to the truth.
-    Share,
-}
-
-/// How direct light is found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum DirectMode {
-    /// Shadow rays from every texel.
-    Gather,
-    /// Lines from the emitters, as in the paper.
-    Shoot,
-}
-
-/// What a texel holds.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Quantity {
-    /// E/π: multiply by base colour to get the radiance that is reflected [cd/m²].
-    Radiosity,
-    /// E: irradiance [lx].
-    Irradiance,
-}
-
-/// Which lightmap UVs are used.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum UvMode {
-    /// Keep a usable `TEXCOORD_1`, chart anew otherwise.
-    Auto,
-    /// Keep `TEXCOORD_1`; fail where it is missing or unusable.
-    Keep,
-    /// Always chart anew.
-    Generate,
-}
-
-/// What is baked to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Target {
-    /// Pictures, and the mesh's place on them.
-    Lightmap,
-    /// Attributes of the vertices.
-    Vertex,
-}
-
-/// Which vertex attribute carries the light.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum VertexAttribute {
-    /// `_LIGHTMAP`, three floats as they are.
-    Lightmap,
-    /// `COLOR_0`, light times vertex colour over a scale, in [0, 1].
-    Color0,
-    /// Both.
-    Both,
-}
-
-/// What `--aov` can put beside the light.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Aov {
-    /// Standard error of each texel, root mean square over the channels.
-    Stderr,
-    /// Light straight from its sources.
-    Direct,
-    /// Light after at least one reflection.
-    Indirect,
-}
 
 /// Options of `bake` that a preset or a configuration file may hold.
 #[derive(Debug, Clone, Default, clap::Args, Serialize, Deserialize)]
@@ -469,12 +367,6 @@ impl Options {
         }
         settings.check_target()?;
         Ok(settings)
-    }
-}
-
-impl Target {
-    fn is_lightmap(&self) -> bool {
-        *self == Self::Lightmap
     }
 }
 
