@@ -25,8 +25,8 @@ NOTICED = 5.0
 LEAST_TEXELS = 24
 # Differences of objects that are darker than this part of the mean of all are taken relative to it.
 DARK = 0.1
-# Edge of the squares of texels whose means are compared to find where the difference is.
-SQUARE = 3
+# Edge of the squares of texels whose means are compared to find where the difference is, and texels that one must have.
+SQUARE, LEAST_OF_SQUARE = 3, 4
 
 
 @dataclass
@@ -97,34 +97,55 @@ class Difference:
 def of_objects(texels, count):
     """A `Difference` per object that has enough texels, by index."""
     ours, reference, error = sums(texels)
-    floor = DARK * max(reference.mean(), 1e-30)
-    found = {}
     add = lambda values: numpy.bincount(texels.object, values, minlength=count)  # noqa: E731
-    numbers = numpy.bincount(texels.object, minlength=count)
-    mine, theirs, squares = add(ours), add(reference), add(error**2)
-    for i in numpy.nonzero(numbers >= LEAST_TEXELS)[0]:
-        n = numbers[i]
-        scale = max(theirs[i] / n, floor)
-        found[int(i)] = Difference((mine[i] - theirs[i]) / n / scale, numpy.sqrt(squares[i]) / n / scale, mine[i] / n, theirs[i] / n, int(n))
-    return found
+    groups = Groups(texels, numpy.bincount(texels.object, minlength=count), *(add(v) for v in (ours, reference, error**2)))
+    return {int(i): groups.difference(i) for i in numpy.nonzero(groups.number >= LEAST_TEXELS)[0]}
+
+
+class Groups:
+    """Sums over groups of texels: numbers, ours, reference, variance of the reference's sum.
+
+    Noise of Cycles has a long tail: a few texels that missed a rare, bright path look calm and too dark. So no group is
+    taken to be less noisy than texels of its brightness are on the whole.
+    """
+
+    def __init__(self, texels, number, ours, reference, variance):
+        _, every, error = sums(texels)
+        self.number, count = number, numpy.maximum(number, 1)
+        self.ours, self.reference = ours / count, reference / count
+        pooled = (error**2).sum() / max((every**2).sum(), 1e-30)
+        self.error = numpy.sqrt(numpy.maximum(variance / count, pooled * self.reference**2) / count)
+        self.mean = max(every.mean(), 1e-30)
+        self.scale = numpy.maximum(self.reference, DARK * self.mean)
+
+    def difference(self, i):
+        """The group's `Difference`."""
+        relative = (self.ours[i] - self.reference[i]) / self.scale[i]
+        return Difference(relative, self.error[i] / self.scale[i], self.ours[i], self.reference[i], int(self.number[i]))
+
+    def surely_off(self):
+        """By how much groups differ at least, as it strikes the eye: less is seen of a difference in bright light."""
+        return (numpy.abs(self.ours - self.reference) - SIGMAS_OF_MANY * self.error) / (self.mean + self.reference)
 
 
 def worst_places(texels, how_many):
-    """Texels around which the difference is surest: list of (index into `texels`, `Difference`), not too close together."""
+    """Texels around which the difference is largest: list of (index into `texels`, `Difference`), not too close together."""
     ours, reference, error = sums(texels)
-    floor = DARK * max(reference.mean(), 1e-30)
-    number, mine, theirs, squares = (around(texels, v) for v in (numpy.ones(len(ours)), ours, reference, error**2))
-    scale = numpy.maximum(theirs / number, floor)
-    relative, doubt = (mine - theirs) / number / scale, numpy.sqrt(squares) / number / scale
-    order = numpy.argsort(-(numpy.abs(relative) - SIGMAS_OF_MANY * doubt), kind="stable")
+    squares = Groups(texels, *(around(texels, v) for v in (numpy.ones(len(ours)), ours, reference, error**2)))
+    off = numpy.where(squares.number >= LEAST_OF_SQUARE, squares.surely_off(), -1.0)
     chosen = []
-    for i in order:
-        near = lambda j: texels.page[j] == texels.page[i] and max(abs(texels.row[j] - texels.row[i]), abs(texels.column[j] - texels.column[i])) < 3 * SQUARE  # noqa: E731
-        if abs(relative[i]) <= SIGMAS_OF_MANY * doubt[i] or len(chosen) == how_many:
+    for i in numpy.argsort(-off, kind="stable"):
+        if off[i] <= 0.0 or len(chosen) == how_many:
             break
-        if not any(near(j) for j, _ in chosen):
-            chosen.append((int(i), Difference(relative[i], doubt[i], mine[i] / number[i], theirs[i] / number[i], int(number[i]))))
+        if not any(close(texels, i, j) for j, _ in chosen):
+            chosen.append((int(i), squares.difference(i)))
     return chosen
+
+
+def close(texels, i, j):
+    """Whether two texels are so near that one place stands for both."""
+    apart = max(abs(texels.row[j] - texels.row[i]), abs(texels.column[j] - texels.column[i]))
+    return texels.page[j] == texels.page[i] and apart < 3 * SQUARE
 
 
 def around(texels, values):

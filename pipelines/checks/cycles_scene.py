@@ -17,7 +17,6 @@ Limits: vertex colours are clamped to 1 and stored in 8 bits (see `gltf_nodes.py
 
 import json
 import os
-import struct
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +26,7 @@ import numpy
 
 import cycles_light
 from cycles_light import LIGHT_MARK, LIGHTS
-from gltf_file import GltfFile, index
+from gltf_file import GltfFile, index, rewritten
 from gltf_nodes import UNLIT, Nodes
 
 MARK = "texelwalk material "
@@ -63,20 +62,7 @@ def prepared_copy(gltf, folder):
         document.pop(key, None)
         if names:
             document[key] = names
-    text = json.dumps(document).encode()
-    if not gltf.glb:
-        path = Path(folder) / "scene.gltf"
-        path.write_bytes(text)
-        return path
-    text += b" " * (-len(text) % 4)
-    binary = gltf.binary or b""
-    binary += b"\0" * (-len(binary) % 4)
-    path = Path(folder) / "scene.glb"
-    body = struct.pack("<II", len(text), 0x4E4F534A) + text
-    if binary:
-        body += struct.pack("<II", len(binary), 0x004E4942) + binary
-    path.write_bytes(b"glTF" + struct.pack("<II", 2, 12 + len(body)) + body)
-    return path
+    return rewritten(gltf, document, folder)
 
 
 def keep_one_scene(document):

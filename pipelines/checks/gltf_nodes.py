@@ -6,6 +6,9 @@ In: a `GltfFile`, a node tree, a material's JSON. Out: node outputs (or numbers)
 Built from the JSON and not from the importer's nodes, because those hold what its Principled BSDF needs: vertex colours
 are clamped there, unlit materials have other nodes, and specular-glossiness has others again.
 
+Cycles filters 8-bit images as they are stored, and decodes sRGB afterwards; glTF wants it the other way round (3.8.4).
+Along edges of light and dark texels this is up to 20 %. So images become linear ones of floats first.
+
 Vertex colours: the importer stores COLOR_0 as the attribute `Color`, 8 bits a channel in sRGB, clamped to 1.
 
 Limits: textures in formats that Blender cannot load, and `EXT_texture_*` sources, are errors.
@@ -15,12 +18,15 @@ import math
 from pathlib import Path
 
 import bpy
+import numpy
 
 from gltf_file import GltfError, index
 
 WRAP = {33071: "EXTEND", 33648: "MIRROR", 10497: "REPEAT"}
 TRANSFORM = "KHR_texture_transform"
 UNLIT = "KHR_materials_unlit"
+# Pixels of the largest image that is decoded first; 16 bytes each. A larger one has texels too small to matter.
+MOST_DECODED = 1 << 20
 
 
 class Nodes:
@@ -35,11 +41,16 @@ class Nodes:
         if (i, is_color) not in self.images:
             path = Path(self.folder) / f"image{i}"
             path.write_bytes(self.gltf.image(i))
-            image = bpy.data.images.load(str(path))
-            image.pack()
+            try:
+                image = bpy.data.images.load(str(path))
+            except RuntimeError as error:
+                raise GltfError(f"{self.gltf.path}: image {i} cannot be read by Blender: {error}") from None
             image.colorspace_settings.name = "sRGB" if is_color else "Non-Color"
             image.alpha_mode = "CHANNEL_PACKED"
-            self.images[i, is_color] = image
+            width, height = image.size
+            decode = is_color and not image.is_float and 0 < width * height <= MOST_DECODED
+            self.images[i, is_color] = decoded(image) if decode else image
+            self.images[i, is_color].pack()
         return self.images[i, is_color]
 
     def texture(self, tree, info, is_color):
@@ -208,3 +219,18 @@ class Nodes:
         tree.links.new(tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0], mix.inputs[1])
         tree.links.new(shader, mix.inputs[2])
         return mix.outputs[0]
+
+
+def decoded(image):
+    """A linear image of floats in place of an 8-bit one in sRGB."""
+    width, height = image.size
+    pixels = numpy.empty(width * height * 4, numpy.float32)
+    image.pixels.foreach_get(pixels)
+    color = pixels.reshape(-1, 4)[:, :3]
+    color[:] = numpy.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4)
+    linear = bpy.data.images.new(image.name, width, height, alpha=True, float_buffer=True)
+    linear.colorspace_settings.name, linear.alpha_mode = "Linear Rec.709", "CHANNEL_PACKED"
+    linear.pixels.foreach_set(pixels)
+    linear.update()
+    bpy.data.images.remove(image)
+    return linear
