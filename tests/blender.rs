@@ -17,15 +17,15 @@ use texelwalk::scene;
 
 /// About how many texels a fixture gets.
 const TEXELS: f64 = 3000.0;
-/// Where another density is needed [texels per metre]: walls must be two texels thick.
-const DENSITIES: &[(&str, f64)] = &[("two-rooms", 8.0)];
+/// Where another density is needed [texels per metre]: walls must be two texels thick; a level of 78 × 108 m has narrow doors.
+const DENSITIES: &[(&str, f64)] = &[("two-rooms", 8.0), ("freedoom", 0.7)];
 /// Texels of decimetres hide edges of shadows, and what touches is half in the dark: more is allowed than the script would
 /// by itself, and still much less than a twentieth of the mean.
 const COARSE: [&str; 4] = ["--fail", "0.12", "--mean", "0.02"];
-/// More of it. Two rooms: five times the texels, a quarter of the points each. Freedoom: texels are more than a metre wide
-/// and reach around the corners of rooms, so its objects (77 lights, mostly far away) say little one by one.
+/// More of it. Two rooms: five times the texels, a quarter of the points each. Freedoom: texels of 1.4 m reach around the
+/// corners of rooms, and 77 lights make Cycles noisy, so its objects say less one by one.
 const OPTIONS: &[(&str, &[&str])] =
-    &[("two-rooms", &["--grid", "2", "--samples", "2"]), ("freedoom", &["--object", "1"])];
+    &[("two-rooms", &["--grid", "2", "--samples", "2"]), ("freedoom", &["--object", "0.3"])];
 
 type Page = Vec<Vec<(f32, f32, f32, f32)>>;
 
