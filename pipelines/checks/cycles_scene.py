@@ -10,14 +10,13 @@ importer's Principled BSDF has a specular lobe that a diffuse bake has not.
 * Reflectance is at least 0.001: see LEAST_REFLECTANCE.
 * The back of a single-sided material is black and dark, as in texelwalk; Cycles alone would let it reflect.
 * Missing light intensities are written out first: the importer would use Blender's own default instead of 1.
+* Lights are brought to the definitions of glTF afterwards, and the sky is added: `cycles_light.py`.
 
-Limits: the importer ignores the range of a light and shapes spots differently; both are reported by `odd_lights`.
+Limits: vertex colours are clamped to 1 and stored in 8 bits (see `gltf_nodes.py`); no animation.
 """
 
 import json
-import math
 import os
-import struct
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,38 +24,32 @@ from pathlib import Path
 import bpy
 import numpy
 
-from gltf_file import GltfFile, index
+import cycles_light
+from cycles_light import LIGHT_MARK, LIGHTS
+from gltf_file import GltfFile, index, rewritten
+from gltf_nodes import UNLIT, Nodes
 
-LIGHTS = "KHR_lights_punctual"
 MARK = "texelwalk material "
 LIGHTMAP_UV = "lightmap"
 # Cycles gets E/π by dividing reflected light by the reflectance, so black surfaces would bake to nothing. This much
 # reflectance is invisible, and a division by it still exact enough.
 LEAST_REFLECTANCE = 1e-3
-WRAP = {33071: "EXTEND", 33648: "MIRROR", 10497: "REPEAT"}
-
-
-def odd_lights(gltf):
-    """What Blender's importer does differently, as sentences."""
-    found = []
-    for i, light in enumerate(gltf.json.get("extensions", {}).get(LIGHTS, {}).get("lights", [])):
-        if "range" in light:
-            found.append(f"light {i} has a range, which Blender ignores")
-        if light.get("type") == "spot":
-            found.append(f"light {i} is a spot, whose edge Blender shapes differently")
-    return found
 
 
 def prepared_copy(gltf, folder):
     """A copy of the file for the importer: materials carry their index as name, light intensities are explicit."""
     document = json.loads(gltf.text)
+    keep_one_scene(document)
+    # Time stands still; Blender 5.0 stumbles over animated material pointers besides.
+    document.pop("animations", None)
     for i, material in enumerate(document.get("materials", [])):
         document["materials"][i] = {"name": f"{MARK}{i}", "doubleSided": material.get("doubleSided", False)}
     # The importer needs no textures; without them nothing can fail on an image format.
     for key in ("textures", "images", "samplers"):
         document.pop(key, None)
-    for light in document.get("extensions", {}).get(LIGHTS, {}).get("lights", []):
+    for i, light in enumerate(document.get("extensions", {}).get(LIGHTS, {}).get("lights", [])):
         light.setdefault("intensity", 1.0)
+        light["name"] = f"{LIGHT_MARK}{i}"
     for mesh in document.get("meshes", []):
         for primitive in mesh["primitives"]:
             primitive.pop("extensions", None)
@@ -69,122 +62,35 @@ def prepared_copy(gltf, folder):
         document.pop(key, None)
         if names:
             document[key] = names
-    text = json.dumps(document).encode()
-    if not gltf.glb:
-        path = Path(folder) / "scene.gltf"
-        path.write_bytes(text)
-        return path
-    text += b" " * (-len(text) % 4)
-    binary = gltf.binary or b""
-    binary += b"\0" * (-len(binary) % 4)
-    path = Path(folder) / "scene.glb"
-    body = struct.pack("<II", len(text), 0x4E4F534A) + text
-    if binary:
-        body += struct.pack("<II", len(binary), 0x004E4942) + binary
-    path.write_bytes(b"glTF" + struct.pack("<II", 2, 12 + len(body)) + body)
-    return path
+    return rewritten(gltf, document, folder)
+
+
+def keep_one_scene(document):
+    """Drops the scenes that were not baked: the one with the lightmap stays."""
+    scenes = document.get("scenes", [])
+    baked = [s for s in scenes if "lightmap" in (s.get("extras") or {})]
+    document["scenes"], document["scene"] = (baked or scenes)[:1], 0
 
 
 @dataclass
 class Built:
-    """The scene in Blender: the object, (page, image) pairs, and per triangle its page index or −1 and its sidedness."""
+    """The scene in Blender: the object, (page, image) pairs, and per triangle its page index or −1, its sidedness and the
+    index of its name in `names`, the objects that it was joined from."""
 
     object: object
     pages: list
     triangle_page: object
     double_sided: object
+    triangle_object: object
+    names: list
 
 
-class Materials:
-    """Builds Blender materials from glTF ones."""
+class Materials(Nodes):
+    """Builds the materials that Cycles bakes from glTF ones."""
 
     def __init__(self, gltf, folder, page_images):
-        self.gltf, self.folder, self.page_images = gltf, folder, page_images
-        self.images = {}
-
-    def image(self, i, is_color):
-        """Blender's image of a glTF image, colour and data apart (they decode differently)."""
-        if (i, is_color) not in self.images:
-            path = Path(self.folder) / f"image{i}"
-            path.write_bytes(self.gltf.image(i))
-            image = bpy.data.images.load(str(path))
-            image.colorspace_settings.name = "sRGB" if is_color else "Non-Color"
-            image.alpha_mode = "CHANNEL_PACKED"
-            self.images[i, is_color] = image
-        return self.images[i, is_color]
-
-    def texture(self, tree, info, is_color):
-        """An image node that reads a glTF textureInfo."""
-        texture = self.gltf.json["textures"][index(info["index"])]
-        sampler = self.gltf.json["samplers"][index(texture["sampler"])] if "sampler" in texture else {}
-        transform = info.get("extensions", {}).get("KHR_texture_transform", {})
-        uv_set = index(transform.get("texCoord", info.get("texCoord", 0)))
-        node = tree.nodes.new("ShaderNodeTexImage")
-        node.image = self.image(index(texture["source"]), is_color)
-        node.interpolation = "Closest" if index(sampler.get("magFilter", 9729)) == 9728 else "Linear"
-        wrap = WRAP[index(sampler.get("wrapS", 10497))]
-        if wrap != WRAP[index(sampler.get("wrapT", 10497))]:
-            raise ValueError("a sampler wraps differently along u and v, which Blender cannot")
-        node.extension = wrap
-        coordinates = tree.nodes.new("ShaderNodeUVMap")
-        coordinates.uv_map = f"UV{uv_set}"
-        vector = coordinates.outputs["UV"]
-        if transform:
-            vector = self.transformed(tree, vector, transform)
-        tree.links.new(vector, node.inputs["Vector"])
-        return node
-
-    @staticmethod
-    def transformed(tree, vector, transform):
-        """KHR_texture_transform, in Blender's coordinates whose v runs up: v_blender = 1 − v_glTF."""
-        angle = float(transform.get("rotation", 0.0))
-        sx, sy = (float(x) for x in transform.get("scale", (1.0, 1.0)))
-        tx, ty = (float(x) for x in transform.get("offset", (0.0, 0.0)))
-        # u' = a u + b v + tx and v' = c u + d v + ty (KHR_texture_transform: translation × rotation × scale).
-        a, b = math.cos(angle) * sx, math.sin(angle) * sy
-        c, d = -math.sin(angle) * sx, math.cos(angle) * sy
-        rows = (((a, -b, 0.0), b + tx), ((-c, d, 0.0), 1.0 - d - ty))
-        combine = tree.nodes.new("ShaderNodeCombineXYZ")
-        for axis, (row, constant) in enumerate(rows):
-            dot = tree.nodes.new("ShaderNodeVectorMath")
-            dot.operation = "DOT_PRODUCT"
-            dot.inputs[1].default_value = row
-            tree.links.new(vector, dot.inputs[0])
-            add = tree.nodes.new("ShaderNodeMath")
-            add.operation = "ADD"
-            add.inputs[1].default_value = constant
-            tree.links.new(dot.outputs["Value"], add.inputs[0])
-            tree.links.new(add.outputs[0], combine.inputs[axis])
-        return combine.outputs[0]
-
-    @staticmethod
-    def color(tree, value):
-        # Not the node for colours, which clamps negative values.
-        node = tree.nodes.new("ShaderNodeCombineXYZ")
-        for socket, component in zip(node.inputs, value):
-            socket.default_value = component
-        return node.outputs[0]
-
-    @staticmethod
-    def scaled(tree, color, by):
-        """A colour times a colour or a scalar output."""
-        node = tree.nodes.new("ShaderNodeVectorMath")
-        node.operation = "MULTIPLY"
-        tree.links.new(color, node.inputs[0])
-        tree.links.new(by, node.inputs[1])
-        return node.outputs[0]
-
-    @staticmethod
-    def math(tree, operation, a, b):
-        """A scalar operation on outputs or numbers."""
-        node = tree.nodes.new("ShaderNodeMath")
-        node.operation = operation
-        for socket, value in zip(node.inputs, (a, b)):
-            if isinstance(value, (int, float)):
-                socket.default_value = value
-            else:
-                tree.links.new(value, socket)
-        return node.outputs[0]
+        super().__init__(gltf, folder, lambda n: f"UV{n}")
+        self.page_images = page_images
 
     def lightmap(self, i):
         """MOZ_lightmap of glTF material `i`, or None."""
@@ -196,89 +102,52 @@ class Materials:
     def build(self, i, has_color):
         """The material for glTF material `i` (None = the default material)."""
         source = self.gltf.json["materials"][i] if i is not None else {}
-        extensions = source.get("extensions", {})
         material = bpy.data.materials.new(f"diffuse {i}{' with vertex colour' if has_color else ''}")
         material.use_nodes = True
         tree = material.node_tree
         tree.nodes.clear()
         sided = self.double_sided(i)
-        front = None
-        if not sided:
-            geometry = tree.nodes.new("ShaderNodeNewGeometry")
-            front = self.math(tree, "SUBTRACT", 1.0, geometry.outputs["Backfacing"])
+        front = None if sided else self.front(tree)
         albedo, alpha = self.reflectance(tree, source, has_color)
         diffuse = tree.nodes.new("ShaderNodeBsdfDiffuse")
-        if "KHR_materials_unlit" in extensions:
+        if UNLIT in source.get("extensions", {}):
             diffuse.inputs["Color"].default_value = (0.0, 0.0, 0.0, 1.0)
         else:
+            albedo = self.at_least(tree, albedo, LEAST_REFLECTANCE)
             tree.links.new(self.scaled(tree, albedo, front) if front else albedo, diffuse.inputs["Color"])
         shader = diffuse.outputs[0]
-        factor = [float(x) for x in source.get("emissiveFactor", (0.0, 0.0, 0.0))]
-        strength = float(extensions.get("KHR_materials_emissive_strength", {}).get("emissiveStrength", 1.0))
-        if max(factor) * strength > 0.0 and "KHR_materials_unlit" not in extensions:
-            shader = self.with_emission(tree, source, shader, [f * strength for f in factor], front)
+        radiance = self.emission(tree, source)
+        if radiance is not None:
+            shader = self.with_emission(tree, shader, radiance, front)
             material.cycles.emission_sampling = "FRONT_BACK" if sided else "FRONT"
-        shader = self.with_alpha(tree, source, shader, alpha)
+        opacity = self.opacity(tree, source, alpha)
+        if opacity is not None:
+            # A baked point counts as seen by the camera: light is baked in holes too, as texelwalk does.
+            baked = tree.nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"]
+            shader = self.see_through(tree, shader, self.math(tree, "MAXIMUM", opacity, baked))
         output = tree.nodes.new("ShaderNodeOutputMaterial")
         tree.links.new(shader, output.inputs["Surface"])
         self.add_page(tree, self.lightmap(i))
         return material
 
-    def reflectance(self, tree, source, has_color):
-        """Base colour × (1 − metallic), and alpha (an output or a number)."""
-        pbr = source.get("pbrMetallicRoughness", {})
-        factor = [float(x) for x in pbr.get("baseColorFactor", (1.0, 1.0, 1.0, 1.0))]
-        color, alpha = self.color(tree, factor[:3]), factor[3]
-        if "baseColorTexture" in pbr:
-            node = self.texture(tree, pbr["baseColorTexture"], True)
-            color = self.scaled(tree, color, node.outputs["Color"])
-            alpha = self.math(tree, "MULTIPLY", node.outputs["Alpha"], alpha)
-        if has_color:
-            node = tree.nodes.new("ShaderNodeVertexColor")
-            node.layer_name = "Color"
-            color = self.scaled(tree, color, node.outputs["Color"])
-            alpha = self.math(tree, "MULTIPLY", node.outputs["Alpha"], alpha)
-        metallic = float(pbr.get("metallicFactor", 1.0))
-        if "metallicRoughnessTexture" in pbr:
-            node = self.texture(tree, pbr["metallicRoughnessTexture"], False)
-            split = tree.nodes.new("ShaderNodeSeparateColor")
-            tree.links.new(node.outputs["Color"], split.inputs[0])
-            metallic = self.math(tree, "MULTIPLY", split.outputs["Blue"], metallic)
-        color = self.scaled(tree, color, self.math(tree, "SUBTRACT", 1.0, metallic))
-        floor = tree.nodes.new("ShaderNodeVectorMath")
-        floor.operation = "MAXIMUM"
-        floor.inputs[1].default_value = (LEAST_REFLECTANCE,) * 3
-        tree.links.new(color, floor.inputs[0])
-        return floor.outputs[0], alpha
+    @staticmethod
+    def at_least(tree, color, least):
+        node = tree.nodes.new("ShaderNodeVectorMath")
+        node.operation = "MAXIMUM"
+        node.inputs[1].default_value = (least,) * 3
+        tree.links.new(color, node.inputs[0])
+        return node.outputs[0]
 
-    def with_emission(self, tree, source, shader, radiance, front):
-        color = self.color(tree, radiance)
-        if "emissiveTexture" in source:
-            color = self.scaled(tree, color, self.texture(tree, source["emissiveTexture"], True).outputs["Color"])
+    @staticmethod
+    def with_emission(tree, shader, radiance, front):
         emission = tree.nodes.new("ShaderNodeEmission")
-        tree.links.new(color, emission.inputs["Color"])
+        tree.links.new(radiance, emission.inputs["Color"])
         if front:
             tree.links.new(front, emission.inputs["Strength"])
         add = tree.nodes.new("ShaderNodeAddShader")
         tree.links.new(shader, add.inputs[0])
         tree.links.new(emission.outputs[0], add.inputs[1])
         return add.outputs[0]
-
-    def with_alpha(self, tree, source, shader, alpha):
-        mode = source.get("alphaMode", "OPAQUE")
-        if mode == "OPAQUE":
-            return shader
-        if mode == "MASK":
-            below = self.math(tree, "LESS_THAN", alpha, float(source.get("alphaCutoff", 0.5)))
-            alpha = self.math(tree, "SUBTRACT", 1.0, below)
-        mix = tree.nodes.new("ShaderNodeMixShader")
-        if isinstance(alpha, float):
-            mix.inputs[0].default_value = alpha
-        else:
-            tree.links.new(alpha, mix.inputs[0])
-        tree.links.new(tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0], mix.inputs[1])
-        tree.links.new(shader, mix.inputs[2])
-        return mix.outputs[0]
 
     def add_page(self, tree, lightmap):
         """The active image node decides which image Cycles bakes this material into."""
@@ -301,6 +170,7 @@ def join_all(materials):
         part = mesh_arrays(mesh, world)
         if part is None:
             continue
+        part["name"] = instance.object.name
         part["slot"] = numpy.zeros(len(part["polygon_material"]), numpy.int32)
         for local, material in enumerate(mesh.materials or [None]):
             name = material.name if material else ""
@@ -318,7 +188,9 @@ def join_all(materials):
     sources = [source for source, _ in sorted(slot_of, key=slot_of.get)]
     for part in parts:
         part["lightmap_uv"] = lightmap_coordinates(part, [materials.lightmap(s) for s in sources])
-    return assemble(parts, slots), sources
+    triangles = [len(part["polygon_material"]) for part in parts]
+    owners = numpy.repeat(numpy.arange(len(parts)), triangles), [part["name"] for part in parts]
+    return assemble(parts, slots), sources, owners
 
 
 def lightmap_coordinates(part, lightmaps):
@@ -421,40 +293,11 @@ def assemble(parts, slots):
     return made
 
 
-def add_sky(zenith, horizon, ground):
-    """Radiance from infinity: linear in the sine of the elevation from horizon to zenith, one colour below.
+def build(gltf_path, light, grid=1):
+    """Loads everything into a fresh Blender scene; its images have `grid` times the pages' width and height.
 
-    Up is Blender's +z, which the importer makes of glTF's +y.
+    `light` is a `cycles_light.Light`: what the command line of the bake gave.
     """
-    world = bpy.data.worlds.new("sky")
-    bpy.context.scene.world = world
-    world.use_nodes = True
-    tree = world.node_tree
-    background = tree.nodes["Background"]
-    background.inputs["Strength"].default_value = 1.0
-    if zenith == horizon == ground:
-        background.inputs["Color"].default_value = (*zenith, 1.0)
-        return
-    split = tree.nodes.new("ShaderNodeSeparateXYZ")
-    tree.links.new(tree.nodes.new("ShaderNodeTexCoord").outputs["Generated"], split.inputs[0])
-    height = split.outputs["Z"]
-    above = Materials.scaled(tree, Materials.color(tree, [z - h for z, h in zip(zenith, horizon)]), height)
-    sky = tree.nodes.new("ShaderNodeVectorMath")
-    sky.operation = "ADD"
-    tree.links.new(above, sky.inputs[0])
-    tree.links.new(Materials.color(tree, horizon), sky.inputs[1])
-    below = Materials.math(tree, "LESS_THAN", height, 0.0)
-    upper = Materials.scaled(tree, sky.outputs[0], Materials.math(tree, "SUBTRACT", 1.0, below))
-    lower = Materials.scaled(tree, Materials.color(tree, ground), below)
-    both = tree.nodes.new("ShaderNodeVectorMath")
-    both.operation = "ADD"
-    tree.links.new(upper, both.inputs[0])
-    tree.links.new(lower, both.inputs[1])
-    tree.links.new(both.outputs[0], background.inputs["Color"])
-
-
-def build(gltf_path, sky, grid=1):
-    """Loads everything into a fresh Blender scene; its images have `grid` times the pages' width and height."""
     gltf = GltfFile(gltf_path)
     pages = gltf.lightmap_pages()
     bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -469,16 +312,9 @@ def build(gltf_path, sky, grid=1):
         # Surfaces without a lightmap need a target too; nobody looks at it.
         images[None] = bpy.data.images.new("nowhere", 4, 4, float_buffer=True, is_data=True)
         materials = Materials(gltf, folder, images)
-        baked, sources = join_all(materials)
-        for image in bpy.data.images:
-            if image.source == "FILE":
-                image.pack()
-    for light in bpy.data.lights:
-        light.shadow_soft_size = 0.0
-        if light.type == "SUN":
-            light.angle = 0.0
-    add_sky(*sky)
-    return Built(baked, result, *per_triangle(baked.data, materials, sources, pages))
+        baked, sources, owners = join_all(materials)
+    cycles_light.apply(gltf, light)
+    return Built(baked, result, *per_triangle(baked.data, materials, sources, pages), *owners)
 
 
 def per_triangle(mesh, materials, sources, pages):

@@ -163,3 +163,21 @@ class GltfFile:
             triangles = numpy.stack([order[i + 1], order[i + 2], numpy.full_like(i, order[0] if len(order) else 0)], axis=1)
         distinct = (triangles[:, 0] != triangles[:, 1]) & (triangles[:, 1] != triangles[:, 2]) & (triangles[:, 2] != triangles[:, 0])
         return triangles[distinct].reshape(-1)
+
+
+def rewritten(gltf, document, folder):
+    """Writes a file with another document and the same binary chunk into a folder; returns its path."""
+    text = json.dumps(document).encode()
+    if not gltf.glb:
+        path = Path(folder) / "scene.gltf"
+        path.write_bytes(text)
+        return path
+    text += b" " * (-len(text) % 4)
+    binary = gltf.binary or b""
+    binary += b"\0" * (-len(binary) % 4)
+    body = struct.pack("<II", len(text), CHUNK_JSON) + text
+    if binary:
+        body += struct.pack("<II", len(binary), CHUNK_BIN) + binary
+    path = Path(folder) / "scene.glb"
+    path.write_bytes(b"glTF" + struct.pack("<II", 2, 12 + len(body)) + body)
+    return path

@@ -1,15 +1,9 @@
 """Bakes a baked glTF again with Blender's Cycles, on our texture coordinates, and compares texel by texel.
 
-In: a baked glTF or GLB (its EXR pages are found through it), sky radiance. Out: a table on stdout; with `--pictures` a
+In: a baked glTF or GLB (its EXR pages are found through it), the options of `bake` on light. Out: a table on stdout; with `--pictures` a
 folder of PNGs (ours beside Cycles', signed difference) and Cycles' own EXR; exit code 1 above a threshold.
 
-Compared is E/π, Cycles' DIFFUSE pass without colour (direct and indirect). Cycles bakes twice with different seeds: the
-mean of both is the reference, and a quarter of the mean squared difference is the variance of that mean, which is
-subtracted from the mean squared error ("net"; our own noise is not subtracted).
-
-A texel of ours is the mean over its visible surface. Cycles samples a texel only on the triangle under its centre, and
-counts what is buried in other solids. So Cycles bakes on a `--grid` times finer raster, and the reference for a texel is
-the mean of its fine texels that are not buried (`buried.py`).
+How, and what "net" means: `cycles_bake.py`.
 
 Three sets of texels: *all* that have visible fine texels; *interior*, where the eight neighbours are charted too; *clear*,
 which are interior and have no buried part. The thresholds apply to all.
@@ -19,9 +13,6 @@ With `--tile N` they apply to the means over texels of N × N tiles.
 """
 
 import argparse
-import contextlib
-import math
-import os
 import sys
 import time
 from pathlib import Path
@@ -32,96 +23,13 @@ environment.enter()
 
 import numpy  # noqa: E402 (the environment comes first)
 
+from cycles_bake import LIGHTMAP_UV, UNTOUCHED, bake, blocks, figures, mean_over, quiet, tile_means  # noqa: E402
+import light_options  # noqa: E402
 from gltf_file import GltfError  # noqa: E402
 from pictures import difference, enlarged, interior, read_exr, tone_mapped, write_png  # noqa: E402
 
-# Marks texels that Cycles does not write.
-UNTOUCHED = -1.0
-# The name cycles_scene gives to the coordinates of the lightmap.
-LIGHTMAP_UV = "lightmap"
 # Cycles' own noise may be this many times the allowed net error; more, and the estimate of the latter is worth little.
 NOISE_LIMIT = 3.0
-
-
-@contextlib.contextmanager
-def quiet():
-    """Keeps what Blender prints to stdout, from Python and from C, out of our table."""
-    sys.stdout.flush()
-    kept = os.dup(1)
-    with open(os.devnull, "wb") as nothing:
-        os.dup2(nothing.fileno(), 1)
-    try:
-        yield
-    finally:
-        sys.stdout.flush()
-        os.dup2(kept, 1)
-        os.close(kept)
-
-
-def bake(baked, pages, samples, seed, threads):
-    """One bake of all pages; returns their pixels, row 0 on top, UNTOUCHED where Cycles wrote nothing."""
-    import bpy
-
-    scene = bpy.context.scene
-    scene.render.engine = "CYCLES"
-    scene.render.threads_mode, scene.render.threads = "FIXED", threads
-    settings = scene.cycles
-    settings.device, settings.samples, settings.seed = "CPU", samples, seed
-    settings.use_adaptive_sampling = settings.use_denoising = False
-    # No limit that biases: bounces, clamps, filters, and the default that drops dim lights.
-    settings.max_bounces = settings.diffuse_bounces = 128
-    settings.transparent_max_bounces = 256
-    settings.sample_clamp_direct = settings.sample_clamp_indirect = 0.0
-    settings.blur_glossy = settings.light_sampling_threshold = 0.0
-    for _, image in pages:
-        width, height = image.size
-        image.pixels.foreach_set(numpy.full(width * height * 4, UNTOUCHED, numpy.float32))
-    for thing in bpy.data.objects:
-        thing.select_set(thing == baked)
-    bpy.context.view_layer.objects.active = baked
-    baked.data.uv_layers.active = baked.data.uv_layers[LIGHTMAP_UV]
-    bpy.ops.object.bake(type="DIFFUSE", pass_filter={"DIRECT", "INDIRECT"}, uv_layer=LIGHTMAP_UV, margin=0, use_clear=False)
-    result = []
-    for _, image in pages:
-        width, height = image.size
-        pixels = numpy.empty(width * height * 4, numpy.float32)
-        image.pixels.foreach_get(pixels)
-        result.append(pixels.reshape(height, width, 4)[::-1, :, :3].astype(numpy.float64))
-    return result
-
-
-def figures(ours, first, second, mask):
-    """Ratio of means, raw and net NRMSE, Cycles' own noise, and how many texels, over a mask."""
-    reference = (first + second) / 2.0
-    mean = reference[mask].mean()
-    squared = ((ours - reference)[mask] ** 2).mean()
-    noise = ((first - second)[mask] ** 2).mean() / 4.0
-    mean = max(mean, 1e-30)
-    return {
-        "texels": int(mask.sum()),
-        "mean_ratio": ours[mask].mean() / mean,
-        "nrmse_raw": math.sqrt(squared) / mean,
-        "nrmse_net": math.sqrt(max(0.0, squared - noise)) / mean,
-        "cycles_noise": math.sqrt(noise) / mean,
-    }
-
-
-def blocks(pixels, n):
-    """An image as rows × n × columns × n × channels; what is left over at the ends is dropped."""
-    height, width = (size - size % n for size in pixels.shape[:2])
-    return pixels[:height, :width].reshape(height // n, n, width // n, n, *pixels.shape[2:])
-
-
-def mean_over(pixels, mask, n):
-    """Means over the masked pixels of blocks of n × n; 0 where there are none."""
-    total = blocks(numpy.where(mask[..., None], pixels, 0.0), n).sum(axis=(1, 3))
-    return total / numpy.maximum(blocks(mask, n).sum(axis=(1, 3)), 1)[..., None]
-
-
-def tile_means(arrays, masks, tile):
-    """Means over the masked texels of square tiles of all pages that are at least half masked: tiles × RGB."""
-    full = [blocks(mask, tile).sum(axis=(1, 3)) >= tile * tile / 2 for mask in masks]
-    return numpy.concatenate([mean_over(*both, tile)[keep] for *both, keep in zip(arrays, masks, full)])
 
 
 def write_pictures(folder, name, ours, reference, mask):
@@ -147,13 +55,12 @@ def report(title, rows):
 def compare(arguments, baked_path):
     """Bakes and compares all pages together; returns the faults."""
     import buried
+    import cycles_light
     import cycles_scene
 
     started = time.monotonic()
     with quiet():
-        built = cycles_scene.build(baked_path, sky(arguments), arguments.grid)
-    for sentence in cycles_scene.odd_lights(cycles_scene.GltfFile(baked_path)):
-        sys.stderr.write(f"warning: {sentence}\n")
+        built = cycles_scene.build(baked_path, cycles_light.Light(**light_options.light(arguments, {})), arguments.grid)
     with quiet():
         bakes = [bake(built.object, built.pages, arguments.samples, seed, arguments.threads) for seed in (1, 2)]
     sizes = [tuple(image.size) for _, image in built.pages]
@@ -203,25 +110,10 @@ def faults(arguments, rows, charted):
     return found
 
 
-def triple(text):
-    values = tuple(float(x) for x in text.split(","))
-    if len(values) not in (1, 3):
-        raise argparse.ArgumentTypeError(f"'{text}' is neither one number nor R,G,B")
-    return values * 3 if len(values) == 1 else values
-
-
-def sky(arguments):
-    """Zenith, horizon and ground, with the defaults of `bake`."""
-    horizon = arguments.sky_horizon or arguments.sky
-    return arguments.sky, horizon, arguments.sky_ground or horizon
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("baked", help="a glTF or GLB that texelwalk baked")
-    parser.add_argument("--sky", type=triple, default=(0.0, 0.0, 0.0), metavar="R,G,B", help="as given to bake --sky")
-    parser.add_argument("--sky-horizon", type=triple, metavar="R,G,B")
-    parser.add_argument("--sky-ground", type=triple, metavar="R,G,B")
+    light_options.add(parser)
     parser.add_argument("--samples", type=int, default=4, help="samples per fine texel of each of the two bakes")
     parser.add_argument("--grid", type=int, default=8, metavar="N", help="let Cycles bake on N x N points per texel")
     parser.add_argument("--threads", type=int, default=2)

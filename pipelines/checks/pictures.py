@@ -1,11 +1,15 @@
-"""Reads lightmap pages, and draws small PNG pictures of them and of their differences for people to look at."""
+"""Reads lightmap pages, and draws small PNG pictures of them and of their differences for people to look at.
+
+OpenImageIO is loaded where files are read and written only: the rest also runs inside Blender, which may lack it.
+"""
 
 import numpy
-import OpenImageIO as oiio
 
 
 def read_exr(path):
     """Pixels of an image file as height × width × channels floats, row 0 on top."""
+    import OpenImageIO as oiio
+
     image = oiio.ImageBuf(str(path))
     if not image.initialized or image.has_error:
         raise OSError(f"{path}: {image.geterror()}")
@@ -21,6 +25,8 @@ def interior(charted):
 
 def write_png(path, rgb):
     """Display-encoded values in [0, 1] as an 8-bit PNG."""
+    import OpenImageIO as oiio
+
     pixels = numpy.ascontiguousarray((numpy.clip(rgb, 0.0, 1.0) * 255.0 + 0.5).astype(numpy.uint8))
     height, width, channels = pixels.shape
     output = oiio.ImageOutput.create(str(path))

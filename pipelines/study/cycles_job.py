@@ -25,8 +25,9 @@ STARTED = time.perf_counter()
 import bpy  # noqa: E402 (its folder comes first)
 import numpy  # noqa: E402
 
+import cycles_bake  # noqa: E402
+import light_options  # noqa: E402
 import oidn  # noqa: E402
-import parity  # noqa: E402
 from pictures import interior, read_exr  # noqa: E402
 
 # A texel is looked at for buried parts on this many points per side.
@@ -41,17 +42,18 @@ def flat(pages):
 
 def prepare(baked, folder, sky):
     import buried
+    import cycles_light
     import cycles_scene
 
-    with parity.quiet():
-        built = cycles_scene.build(baked, (sky, sky, sky))
+    with cycles_bake.quiet():
+        built = cycles_scene.build(baked, cycles_light.Light((sky, sky, sky)))
         bpy.context.scene["pages"] = [image.name for _, image in built.pages]
-        written = [page[..., 0] != parity.UNTOUCHED for page in parity.bake(built.object, built.pages, 1, 0, 2)]
+        written = [page[..., 0] != cycles_bake.UNTOUCHED for page in cycles_bake.bake(built.object, built.pages, 1, 0, 2)]
         bpy.ops.wm.save_as_mainfile(filepath=str(folder / "scene.blend"))
     sizes = [tuple(image.size) for _, image in built.pages]
     fine = [tuple(FINE * n for n in size) for size in sizes]
-    hidden = buried.buried(built.object.data, parity.LIGHTMAP_UV, built.triangle_page, built.double_sided, fine, coarser=1)
-    hidden = [parity.blocks(h, FINE).any(axis=(1, 3)) for h in hidden]
+    hidden = buried.buried(built.object.data, cycles_bake.LIGHTMAP_UV, built.triangle_page, built.double_sided, fine, coarser=1)
+    hidden = [cycles_bake.blocks(h, FINE).any(axis=(1, 3)) for h in hidden]
     charted = [read_exr(baked.parent / page["uri"])[..., 3] > 0.5 for page, _ in built.pages]
     inside = [interior(c) & w for c, w in zip(charted, written)]
     # One texel in lightmap coordinates, per corner; what has no page may take the first.
@@ -63,10 +65,10 @@ def prepare(baked, folder, sky):
 
 def normals(built):
     """Normals of the texels in world space, baked by Cycles: a guide for the denoiser that costs the timed runs nothing."""
-    with parity.quiet():
+    with cycles_bake.quiet():
         settings = bpy.context.scene.render.bake
         settings.normal_space = "OBJECT"
-        bpy.ops.object.bake(type="NORMAL", uv_layer=parity.LIGHTMAP_UV, margin=0, use_clear=False, normal_space="OBJECT")
+        bpy.ops.object.bake(type="NORMAL", uv_layer=cycles_bake.LIGHTMAP_UV, margin=0, use_clear=False, normal_space="OBJECT")
     result = []
     for _, image in built.pages:
         width, height = image.size
@@ -77,16 +79,16 @@ def normals(built):
 
 
 def bake(folder, out, arguments):
-    with parity.quiet():
+    with cycles_bake.quiet():
         bpy.ops.wm.open_mainfile(filepath=str(folder / "scene.blend"))
     pages = [(None, bpy.data.images[name]) for name in bpy.context.scene["pages"]]
     ready = time.perf_counter()
     baked_object, how = bpy.data.objects["baked"], (arguments.samples, arguments.seed, arguments.threads)
-    with parity.quiet():
+    with cycles_bake.quiet():
         if arguments.whole:
             noisy = whole(baked_object, pages, numpy.load(folder / "sets.npz")["texel"], *how)
         else:
-            noisy = parity.bake(baked_object, pages, *how)
+            noisy = cycles_bake.bake(baked_object, pages, *how)
     baked = time.perf_counter()
     results, seconds = {"noisy": flat(noisy).astype(numpy.float32)}, {"ready": ready - STARTED, "bake": baked - ready}
     guide = numpy.load(folder / "sets.npz")["normals"] if "RT+normal" in arguments.filters else None
@@ -100,14 +102,14 @@ def bake(folder, out, arguments):
 
 def whole(baked, pages, texel, samples, seed, threads):
     """Means over whole texels, from four bakes that each cover a quarter of every texel."""
-    layer = baked.data.uv_layers[parity.LIGHTMAP_UV].uv
+    layer = baked.data.uv_layers[cycles_bake.LIGHTMAP_UV].uv
     home = numpy.empty_like(texel)
     layer.foreach_get("vector", home.ravel())
     bakes = []
     for k, offset in enumerate(((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25))):
         layer.foreach_set("vector", (home + texel * numpy.float32(offset)).ravel())
         baked.data.update()
-        bakes.append(parity.bake(baked, pages, samples // 4, 4 * seed + k, threads))
+        bakes.append(cycles_bake.bake(baked, pages, samples // 4, 4 * seed + k, threads))
     return [sum(page) / 4.0 for page in zip(*bakes)]
 
 
@@ -116,7 +118,7 @@ def denoised_pages(pages, kind, guide, threads):
     for page in pages:
         height, width, _ = page.shape
         normal = guide[start : start + height * width].reshape(page.shape) if guide is not None else None
-        known = page[..., 0] != parity.UNTOUCHED
+        known = page[..., 0] != cycles_bake.UNTOUCHED
         result.append(oidn.denoised(oidn.filled(page, known, MARGIN), kind, threads, normal))
         start += height * width
     return flat(result)
@@ -128,7 +130,7 @@ def main():
     command = commands.add_parser("prepare")
     command.add_argument("baked", type=Path)
     command.add_argument("folder", type=Path)
-    command.add_argument("sky", type=parity.triple)
+    command.add_argument("sky", type=light_options.triple)
     command = commands.add_parser("bake")
     command.add_argument("folder", type=Path)
     command.add_argument("out", type=Path)
