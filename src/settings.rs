@@ -6,6 +6,7 @@
 
 use crate::atlas::Uv;
 use crate::base::Rgb;
+use crate::output::formats::Format;
 use crate::scene::Sky;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -120,6 +121,32 @@ pub struct Options {
     /// What a texel holds
     #[arg(long, value_enum, value_name = "QUANTITY", help_heading = "Lightmap")]
     pub quantity: Option<Quantity>,
+    /// Files for every page, with commas; the glTF names the first as the lightmap and lists all with their decoding
+    /// [default: exr]
+    #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',', help_heading = "Lightmap")]
+    pub format: Option<Vec<Format>>,
+    /// List the EXR among the glTF's images too, behind EXT_texture_exr (not a registered extension; Rust's gltf crate
+    /// refuses such files) [default: false]
+    #[arg(
+        long,
+        value_name = "BOOL",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "true",
+        help_heading = "Lightmap"
+    )]
+    pub exr_image: Option<bool>,
+    /// Write a second document, NAME.preview.gltf or .glb, that shows the EXR as unlit base colour; for Blender and other
+    /// loaders of EXR images that know no lightmaps [default: false]
+    #[arg(
+        long,
+        value_name = "BOOL",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "true",
+        help_heading = "Lightmap"
+    )]
+    pub preview_gltf: Option<bool>,
     /// Further layers for every page, in NAME.aov0.exr, with commas
     #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',', help_heading = "Lightmap")]
     pub aov: Option<Vec<Aov>>,
@@ -224,6 +251,15 @@ pub struct Settings {
     pub uv: UvMode,
     /// What a texel holds.
     pub quantity: Quantity,
+    /// Files of every page, each once; the first is the lightmap of the glTF.
+    #[serde(skip_serializing_if = "exr_alone")]
+    pub format: Vec<Format>,
+    /// The EXR is among the glTF's images.
+    #[serde(skip_serializing_if = "core::ops::Not::not")]
+    pub exr_image: bool,
+    /// A document that shows the EXR as base colour.
+    #[serde(skip_serializing_if = "core::ops::Not::not")]
+    pub preview_gltf: bool,
     /// Further layers, each once.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub aov: Vec<Aov>,
@@ -317,6 +353,9 @@ impl Options {
             padding,
             uv,
             quantity,
+            format,
+            exr_image,
+            preview_gltf,
             aov,
             light_groups,
             splat,
@@ -359,6 +398,9 @@ impl Options {
             padding: within("--padding", self.padding.unwrap_or(2), 0, 64)?,
             uv: self.uv.unwrap_or(UvMode::Auto),
             quantity: self.quantity.unwrap_or(Quantity::Radiosity),
+            format: self.formats()?,
+            exr_image: self.exr_image.unwrap_or(false),
+            preview_gltf: self.preview_gltf.unwrap_or(false),
             aov: self.aov.iter().flatten().copied().collect::<BTreeSet<_>>().into_iter().collect(),
             light_groups: self.light_groups.unwrap_or(false),
             splat: self.splat.unwrap_or(SplatMode::Share),
@@ -399,6 +441,31 @@ impl Options {
         }
         Ok(settings)
     }
+}
+
+impl Options {
+    /// The formats, each once, in the order in which they were given.
+    fn formats(&self) -> Result<Vec<Format>, Invalid> {
+        let mut formats: Vec<Format> = vec![];
+        for format in self.format.as_deref().unwrap_or(&[Format::Exr]) {
+            if !formats.contains(format) {
+                formats.push(*format);
+            }
+        }
+        if formats.is_empty() {
+            return Err(Invalid("--format needs at least one format, for example exr".into()));
+        }
+        let wanted = [("--exr-image", self.exr_image), ("--preview-gltf", self.preview_gltf)];
+        if let Some((option, _)) = wanted.iter().find(|(_, on)| *on == Some(true) && !formats.contains(&Format::Exr)) {
+            return Err(Invalid(format!("{option} shows the EXR; add exr to --format")));
+        }
+        Ok(formats)
+    }
+}
+
+/// Nothing but the default; it is left out of what outputs say of their settings.
+fn exr_alone(formats: &[Format]) -> bool {
+    formats == [Format::Exr]
 }
 
 impl Settings {
@@ -481,6 +548,22 @@ mod tests {
             assert!(wrong(&format!("target-error = {bad}")).contains("--target-error"));
             assert!(wrong(&format!("time-limit = {bad}")).contains("--time-limit"));
         }
+    }
+
+    #[test]
+    fn formats_keep_their_order_and_some_options_need_exr() {
+        let read = |text: &str| Options::from_toml(text).unwrap().settings();
+        let some = read("format = [\"rgbm\", \"exr\", \"rgbm\"]\nexr-image = true").unwrap();
+        assert_eq!(some.format, [Format::Rgbm, Format::Exr]);
+        assert!(serde_json::to_string(&some).unwrap().contains("rgbm"));
+        assert!(!serde_json::to_string(&read("").unwrap()).unwrap().contains("format"));
+        for option in ["exr-image", "preview-gltf"] {
+            let message = read(&format!("format = [\"hdr\"]\n{option} = true")).unwrap_err().to_string();
+            assert!(message.contains(option) && message.contains("--format"), "{message}");
+            assert!(read(&format!("format = [\"hdr\"]\n{option} = false")).is_ok());
+        }
+        assert!(read("format = []").unwrap_err().to_string().contains("--format"));
+        assert!(Options::from_toml("format = [\"jpeg\"]").is_err());
     }
 
     #[test]

@@ -1,18 +1,22 @@
 //! The lightmaps of a baked document, as its materials refer to them.
 //!
-//! A material's `MOZ_lightmap` names a texture, whose `extras.lightmap.uri` is the EXR page; texel × `intensity` is
-//! irradiance. The PNG of the texture is not used: it is clamped.
+//! A material's `MOZ_lightmap` names a texture, whose `extras.lightmap.uri` is the page, an EXR unless `files` beside it
+//! lists formats; then the most exact one is read. Texel × `intensity` is irradiance. The PNG of the texture is not
+//! used: it is clamped.
 
 use crate::base::Rgb;
 use crate::output::Error;
-use crate::output::exr;
 use crate::output::exr::ImageF32;
+use crate::output::formats;
+use crate::output::formats::Coding;
+use crate::output::formats::Format;
 use crate::output::names::local_path;
 use crate::output::splice::Element;
 use crate::scene::Document;
 use crate::scene::Scene;
 use glam::Vec2;
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 /// Pages, and what every material does with them.
 #[derive(Debug, Default)]
@@ -51,14 +55,14 @@ impl Lightmaps {
             let page = match by_texture.get(&texture) {
                 Some(&page) => page,
                 None => {
-                    let uri = textures.get(texture).and_then(|t| t.find(&["extras", "lightmap", "uri"])?.string());
-                    let path = uri.and_then(|uri| local_path(&document.path, &uri)).ok_or_else(|| {
+                    let named = textures.get(texture).and_then(|t| t.find(&["extras", "lightmap"]));
+                    let (path, coding) = named.and_then(|named| file(document, &named)).ok_or_else(|| {
                         fail(format!(
                             "the lightmap of material {m} names no EXR file; bake the document with texelwalk, or put its \
                              URI into extras.lightmap.uri of texture {texture}"
                         ))
                     })?;
-                    out.pages.push(exr::read_rgba(&path)?);
+                    out.pages.push(formats::read(&path, coding)?);
                     by_texture.insert(texture, out.pages.len() - 1);
                     out.pages.len() - 1
                 }
@@ -106,6 +110,19 @@ impl Lightmaps {
         let has_set = lightmap.uv_set != 1 || part.has_uv1;
         Some((lightmap, self.pages.get(lightmap.page)?)).filter(|_| has_set)
     }
+}
+
+/// The most exact file of a page, by the texture's `extras.lightmap`.
+fn file(document: &Document, named: &Element<'_>) -> Option<(PathBuf, Coding)> {
+    let listed = named.array("files");
+    let of = |format: Format| {
+        listed.iter().find(|f| f.get("format").and_then(|n| n.string()).as_deref() == Some(format.name()))
+    };
+    let best = Format::ALL.into_iter().find_map(|format| of(format).map(|file| (format, file)));
+    let (format, entry) = best.unwrap_or((Format::Exr, named));
+    let scale = entry.get("scale").and_then(|s| s.text().parse().ok()).unwrap_or(1.0);
+    let path = local_path(&document.path, &entry.get("uri")?.string()?)?;
+    Some((path, Coding { format, scale }))
 }
 
 /// Bilinear value at a position in texels; centres are at halves, the border holds beyond the edge.
