@@ -125,7 +125,7 @@ pub struct Options {
     /// [default: exr]
     #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',', help_heading = "Lightmap")]
     pub format: Option<Vec<Format>>,
-    /// List the EXR among the glTF's images too, behind EXT_texture_exr (not a registered extension; Rust's gltf crate
+    /// List the EXR among the glTF's images too, behind `EXT_texture_exr` (not a registered extension; Rust's gltf crate
     /// refuses such files) [default: false]
     #[arg(
         long,

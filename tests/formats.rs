@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-use texelwalk::finish::{Lightmap, Page};
+use texelwalk::finish::{Lightmap, Page, dilate};
 use texelwalk::output::exr::read_rgba;
 use texelwalk::output::formats::{Format, Plan};
 use texelwalk::output::names;
@@ -147,7 +147,7 @@ fn others_decode_every_format_to_the_exr() {
     let options = ["--preset", "preview", "--format", ALL, "--light-groups", "--page-size", "128"];
     let office = bake(&fixture("office"), &out, &options);
     let courtyard = bake(&fixture("courtyard"), &out, &options);
-    assert!(office.pages.len() > 4, "several pages and groups");
+    assert!(office.pages.len() > 3, "several pages and groups");
     let group = manifest(&courtyard.gltf, "group", |text| {
         text.replace("lightmap", "lightmap-sky").replace("lightmap-sky\"", "lightmap\"")
     });
@@ -159,7 +159,7 @@ fn others_decode_every_format_to_the_exr() {
 #[ignore = "slow: makes a Python environment, minutes"]
 fn others_decode_the_extremes() {
     let out = folder("formats_extremes");
-    let smooth = |i: u32| 2.0f32.powf(i as f32 / 64.0 * 40.0 / 64.0 - 24.0).min(65504.0);
+    let smooth = |i: u32| libm::exp2f(i as f32 / 64.0 * 40.0 / 64.0 - 24.0).min(65504.0);
     let texel = |x: u32, y: u32| {
         let value = smooth(64 * (y / 4 * 4) + x);
         [value, value * 0.75, value * 0.25, f32::from(u8::from(y % 16 < 13 && x < 60))]
@@ -172,7 +172,8 @@ fn others_decode_the_extremes() {
     for (name, page) in [("range", page(&texel)), ("black", page(&|_, _| [0.0, 0.0, 0.0, 1.0]))] {
         let document = out.join(format!("{name}.gltf"));
         let mut pages = names::page_files(&document, 1);
-        let lightmap = Lightmap { pages: vec![page] };
+        let mut lightmap = Lightmap { pages: vec![page] };
+        dilate(&mut lightmap.pages[0], 2);
         let plan = Plan::new(&Format::ALL, 2, &lightmap);
         plan.name(&mut pages, false);
         let attributes = BTreeMap::from([("texelwalk.quantity".to_owned(), "radiosity".to_owned())]);
@@ -246,13 +247,10 @@ fn brighten(page: &Path, by: f32) {
     let image = read_rgba(page).unwrap();
     let pixel = |x: usize, y: usize| {
         let [r, g, b, a] = image.pixels[y * image.width as usize + x];
-        [r * by, g * by, b * by, a].map(exr::prelude::f16::from_f32).into()
+        let [r, g, b] = [r, g, b].map(|v| exr::prelude::f16::from_f32(v * by));
+        (r, g, b, exr::prelude::f16::from_f32(a))
     };
-    exr::prelude::write_rgba_file(page, image.width as usize, image.height as usize, |x, y| {
-        let [r, g, b, a]: [exr::prelude::f16; 4] = pixel(x, y);
-        (r, g, b, a)
-    })
-    .unwrap();
+    exr::prelude::write_rgba_file(page, image.width as usize, image.height as usize, pixel).unwrap();
 }
 
 #[test]

@@ -35,10 +35,10 @@ import OpenImageIO as oiio  # noqa: E402
 import gltf_file  # noqa: E402
 
 STOPS = 16.0
-# Measured: 47 dB or more on the largest levels of the fixtures. Levels below LEAST_TEXELS covered texels have few blocks.
-LEAST_PSNR = 40.0
-LEAST_PSNR_SMALL = 30.0
-LEAST_TEXELS = 256
+# Measured on the fixtures: 45 to 56 dB on level 0. Further levels put several charts into one block: 38 dB or more;
+# means that count the black between charts fall to 21 to 28 dB on some level of most pages.
+LEAST_PSNR = 42.0
+LEAST_PSNR_OF_MIPS = 34.0
 BC6H_UFLOAT = 143
 DXGI_BC6H_UF16 = 95
 DESCRIPTOR = {"vendor": 0, "model": 133, "primaries": 1, "transfer": 1, "flags": 0, "block": [3, 3, 0, 0], "bytes": 16,
@@ -102,6 +102,8 @@ def check_plain(path, name, scale, exr):
         y, x = numpy.argwhere(bad)[0]
         raise ValueError(f"{int(bad.sum())} texels are off, the first at ({x}, {y}): {found[y, x]} instead of {exr[y, x]}")
     lit = exr.max(axis=2) > 0
+    if not lit.any():
+        return "black"
     relative = error.max(axis=2)[lit] / exr.max(axis=2)[lit]
     nrmse = numpy.sqrt((error**2).mean() / (exr**2).mean())
     return f"NRMSE {nrmse:.5%}, of the largest channel: median {numpy.median(relative):.3%}, worst {relative.max():.2%}"
@@ -188,15 +190,19 @@ def check_ktx2(path, exr, cover):
     for k, level in enumerate(taken["levels"]):
         height, width = light.shape[:2]
         found = blocks_decoded(base64.b64decode(level), width, height)
-        decibels = psnr(found, light, where, most) if where.any() else 99.0
-        limit = LEAST_PSNR if where.sum() >= LEAST_TEXELS else LEAST_PSNR_SMALL
+        if most == 0 and found.any():
+            raise ValueError(f"level {k} of a black page is not black")
+        decibels = psnr(found, light, where, most) if where.any() and most > 0 else 99.0
+        limit = LEAST_PSNR_OF_MIPS if k else LEAST_PSNR
         if decibels < limit:
             raise ValueError(f"level {k} ({width} x {height}) has a PSNR of {decibels:.1f} dB, below {limit:.0f} dB")
-        if k == 0:
+        if k == 0 and most > 0:
             nrmse = numpy.sqrt(((found - light)[where] ** 2).mean() / (light[where] ** 2).mean())
         found_all.append(decibels)
         light, cover = halved(light, cover)
         where = cover > 1e-6
+    if most == 0:
+        return "black"
     return f"NRMSE {nrmse:.3%}, PSNR by level {' '.join(f'{d:.0f}' for d in found_all)} dB"
 
 

@@ -111,7 +111,7 @@ impl Facts<'_> {
             |page: &PathBuf| self.request.settings.format.iter().map(|f| f.path(page)).collect::<Vec<_>>();
         let one = |(paths, (name, _)): (Vec<PathBuf>, &(String, Lightmap))| report::LightGroup {
             name: name.clone(),
-            files: paths.iter().flat_map(|p| in_all_formats(p)).map(|p| p.display().to_string()).collect(),
+            files: paths.iter().flat_map(in_all_formats).map(|p| p.display().to_string()).collect(),
         };
         self.group_paths(results).into_iter().zip(&results.groups).map(one).collect()
     }

@@ -5,8 +5,8 @@
 //! the same.
 //!
 //! The encoder is the crate `block_compression`, a port of Intel's ISPC kernels to plain Rust: on the pages of the office
-//! its error is that of the kernels themselves (`intel_tex_2`) to four digits; it is six times slower, but has no
-//! binary blobs and no code paths that depend on the CPU.
+//! its error is that of the kernels themselves (`intel_tex_2`) to four digits. It takes 6.5 s for a million texels on one
+//! thread, six times as long, but has no binary blobs and no code paths that depend on the CPU.
 
 use super::half;
 use crate::base::parallel;

@@ -122,7 +122,7 @@ mod tests {
             "asset": {"version": "2.0"}, "extensionsUsed": ["MOZ_lightmap"],
             "materials": [
                 {"name": "wall", "doubleSided": true, "emissiveFactor": [1, 1, 1],
-                 "extensions": {"MOZ_lightmap": {"index": 0, "texCoord": 1, "intensity": 3.14}}},
+                 "extensions": {"MOZ_lightmap": {"index": 0, "texCoord": 1, "intensity": 1}}},
                 {"name": "glass"}],
             "meshes": [{"primitives": [
                 {"attributes": {"POSITION": 0, "COLOR_0": 1, "TEXCOORD_1": 2}, "material": 0},
