@@ -11,7 +11,7 @@
 //! | `png` | `.linear16.png` | `rgb · scale` | 16 bits per channel |
 //! | `rgbm` | `.rgbm.png` | `(8 · a · rgb)² · scale` | `PlayCanvas` (type RGBM) |
 //! | `rgbd` | `.rgbd.png` | `rgb^2.2 / a · scale` | Babylon.js (`isRGBD`) |
-//! | `rgbe` | `.rgbe.png` | `rgb · 2^(255 a − 128)`; 0 where a = 0 | `PlayCanvas`, three.js before r152; not that of `.hdr`, which divides by 256 |
+//! | `rgbe` | `.rgbe.png` | `rgb · 2^(255 a − 128)`; 0 where a = 0 | `PlayCanvas` (type RGBE), three.js of old; not that of `.hdr`, which divides by 256 |
 //! | `ktx2` | `.ktx2` | `rgb` | BC6H unsigned with mip levels, see [`ktx2`], [`mips`] |
 //!
 //! `scale` is a power of two, one per format and bake so that pages and light groups look alike: the smallest with
@@ -19,8 +19,10 @@
 //! decoder is built in multiply its result by `scale`.
 //!
 //! Limits: only EXR has coverage; in the others `a` is a part of the code or 1. Where `a` is a part of the code, it must
-//! not be premultiplied into the colour on loading, and `rgbe` must be decoded before it is filtered. three.js once had
-//! a linear RGBM (`rgb · a · 7` or 16) and RGBD, Unity has RGBM of its own; those are not written.
+//! not be premultiplied into the colour on loading, and `rgbe` must be decoded before it is filtered. Samplers filter
+//! codes: half way between a texel and one four times as bright `rgbm` is 10 % too dark, `rgbd` 36 %. Browsers keep 8 of
+//! the 16 bits of `png`. three.js once had a linear RGBM (`rgb · a · 7` or 16) and RGBD, Unity has RGBM of its own; those
+//! are not written.
 //!
 //! Errors, as a part of the largest channel: `hdr` at most 1/255, `rgbe` 1/255, `rgbm` 1/127 above `scale`/1000; `png`
 //! `scale`/131,070 absolutely; `rgbd` 1/150 from `scale` up, and growing below, where it is 8-bit gamma.
