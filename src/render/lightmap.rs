@@ -8,15 +8,11 @@ use crate::base::Rgb;
 use crate::output::Error;
 use crate::output::exr::ImageF32;
 use crate::output::formats;
-use crate::output::formats::Coding;
-use crate::output::formats::Format;
-use crate::output::names::local_path;
 use crate::output::splice::Element;
 use crate::scene::Document;
 use crate::scene::Scene;
 use glam::Vec2;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 
 /// Pages, and what every material does with them.
 #[derive(Debug, Default)]
@@ -56,7 +52,7 @@ impl Lightmaps {
                 Some(&page) => page,
                 None => {
                     let named = textures.get(texture).and_then(|t| t.find(&["extras", "lightmap"]));
-                    let (path, coding) = named.and_then(|named| file(document, &named)).ok_or_else(|| {
+                    let (path, coding) = named.and_then(|named| formats::most_exact(&document.path, &named)).ok_or_else(|| {
                         fail(format!(
                             "the lightmap of material {m} names no EXR file; bake the document with texelwalk, or put its \
                              URI into extras.lightmap.uri of texture {texture}"
@@ -110,19 +106,6 @@ impl Lightmaps {
         let has_set = lightmap.uv_set != 1 || part.has_uv1;
         Some((lightmap, self.pages.get(lightmap.page)?)).filter(|_| has_set)
     }
-}
-
-/// The most exact file of a page, by the texture's `extras.lightmap`.
-fn file(document: &Document, named: &Element<'_>) -> Option<(PathBuf, Coding)> {
-    let listed = named.array("files");
-    let of = |format: Format| {
-        listed.iter().find(|f| f.get("format").and_then(|n| n.string()).as_deref() == Some(format.name()))
-    };
-    let best = Format::ALL.into_iter().find_map(|format| of(format).map(|file| (format, file)));
-    let (format, entry) = best.unwrap_or((Format::Exr, named));
-    let scale = entry.get("scale").and_then(|s| s.text().parse().ok()).unwrap_or(1.0);
-    let path = local_path(&document.path, &entry.get("uri")?.string()?)?;
-    Some((path, Coding { format, scale }))
 }
 
 /// Bilinear value at a position in texels; centres are at halves, the border holds beyond the edge.

@@ -38,7 +38,9 @@ use super::exr;
 use super::exr::Attributes;
 use super::exr::ImageF32;
 use super::names::PageFiles;
+use super::names::local_path;
 use super::names::relative_uri;
+use super::splice::Element;
 use super::splice::quoted;
 use crate::finish::Lightmap;
 use crate::finish::Page;
@@ -226,6 +228,20 @@ pub fn encode(
         Format::Ktx2 => ktx2::texture(path, &mips::levels(page, padding), attributes),
         Format::Hdr | Format::Png | Format::Rgbm | Format::Rgbd | Format::Rgbe => images::encode(path, page, coding),
     }
+}
+
+/// The most exact file of a page that can be read, by the `extras.lightmap` of its texture in `document`.
+#[must_use]
+pub fn most_exact(document: &Path, named: &Element<'_>) -> Option<(PathBuf, Coding)> {
+    let listed = named.array("files");
+    let of = |format: Format| {
+        listed.iter().find(|f| f.get("format").and_then(|n| n.string()).as_deref() == Some(format.name()))
+    };
+    let best = Format::ALL.into_iter().find_map(|format| of(format).map(|file| (format, file)));
+    let (format, entry) = best.unwrap_or((Format::Exr, named));
+    let scale = entry.get("scale").and_then(|s| s.text().parse().ok()).unwrap_or(1.0);
+    let path = local_path(document, &entry.get("uri")?.string()?)?;
+    Some((path, Coding { format, scale }))
 }
 
 /// Reads a page back; A = 1 everywhere unless the format is EXR.
