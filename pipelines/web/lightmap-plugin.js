@@ -13,9 +13,9 @@
  * is E/π, irradiance is E.
  * Out: lit materials that reflect base colour × (1 − metallic) × E/π, as `texelwalk render` does.
  *
- * Why shaders are patched: three.js takes the share of the highlights off all light from around (4 % and more of it at
- * grazing angles), and multiplies it by occlusion maps, which the bake has in it already. `{ plain: true }` leaves
- * lightmaps to three.js as they are; vertex light always needs the patch.
+ * Why shaders are patched: three.js takes the share of the highlights off all light from around (2 to 3 % in our fixtures,
+ * 10 % at grazing angles), and multiplies it by occlusion maps, which the bake has in it already. `{ plain: true }`
+ * leaves lightmaps to three.js as they are; vertex light always needs the patch.
  *
  * Invariants: a page is loaded once, whatever the number of materials. Pages have no mip-maps, which would bleed from
  * chart to chart, and are clamped. Unlit materials stay as they are. A material has a lightmap or vertex light; if a

@@ -62,8 +62,10 @@ function say(message, isError = false) {
 function describe(name) {
   const { pages, vertexLit, meshes } = viewer;
   const sizes = [...pages.values()].map(({ texture }) => `${texture.image.width} × ${texture.image.height}`);
-  const bake = sizes.length > 0 ? `lightmap ${sizes.join(', ')}` : vertexLit > 0 ? 'light at the vertices' : 'no baked light';
-  part('facts').textContent = `${name}\n${meshes.length} meshes, ${bake}`;
+  const kinds = [...new Set(sizes)].map((size) => `${sizes.filter((other) => other === size).length} of ${size} texels`);
+  const lightmap = `lightmap pages: ${kinds.join(', ')}`;
+  const bake = sizes.length > 0 ? lightmap : vertexLit > 0 ? 'light at the vertices' : 'no baked light';
+  part('facts').textContent = `${name}\n${meshes.length} meshes\n${bake}`;
 }
 
 /** Puts the settings of the viewer on the page. */

@@ -68,6 +68,7 @@ export class Viewer {
       if (object.isLight) this.lights.push(object);
       if (object.isMesh) this.takeMesh(object);
     });
+    this.pages = new Map([...this.pages].sort(([a], [b]) => (a < b ? -1 : 1))); // not in the order of their arrival
     this.bounds = new Box3().setFromObject(this.model);
     this.even.intensity = this.meanIrradiance();
   }

@@ -1,0 +1,78 @@
+//! Bakes in a browser: three.js in headless Chromium must show what `texelwalk render` shows, by our plugin.
+//!
+//! Needs Chromium (Debian package `chromium`), the environment of the cross-checks, and packages that are installed under
+//! `target/` on the first run. The page is that of `pipelines/web`; see `pipelines/checks/browser.py` for what is compared.
+#![allow(clippy::unwrap_used, clippy::print_stderr, reason = "tests")]
+
+#[path = "support/crosscheck_env.rs"]
+mod crosscheck_env;
+
+use crosscheck_env::{Bake, accepts, bake, brighten, fixture, folder, rejects, texelwalk, text};
+use std::fs;
+use std::path::PathBuf;
+
+/// The linear picture of a camera, as `render` takes it.
+fn picture(bake: &Bake, camera: &str) -> PathBuf {
+    let path = bake.gltf.with_file_name("view.exr");
+    let size = ["--width", "480", "--height", "320", "--samples", "64"];
+    let mut arguments = vec!["render", text(&bake.gltf), "-o", text(&path), "--camera", camera];
+    arguments.extend(size);
+    let output = texelwalk(&arguments);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    path
+}
+
+/// Bakes, and compares both pictures; PNGs of them and of the page stay in `target/crosscheck/<test>/pictures`.
+fn shows_what_render_shows(test: &str, name: &str, camera: &str, options: &[&str]) -> Bake {
+    let out = folder(test);
+    let baked = bake(&fixture(name), &out, options);
+    let (reference, pictures) = (picture(&baked, camera), out.join("pictures"));
+    let arguments = [text(&baked.gltf), text(&reference), "--camera", camera, "--pictures", text(&pictures)];
+    accepts("checks/browser.py", &arguments);
+    baked
+}
+
+#[test]
+#[ignore = "slow: Chromium with software WebGL, and a Python environment"]
+fn a_browser_shows_cornell_as_render_does() {
+    let baked = shows_what_render_shows("browser_cornell", "cornell", "0", &["--preset", "preview"]);
+    assert_eq!(baked.pages.len(), 1);
+}
+
+#[test]
+#[ignore = "slow: Chromium with software WebGL, and a Python environment"]
+fn a_browser_shows_the_office_on_many_pages_as_render_does() {
+    let options = ["--preset", "preview", "--page-size", "64"];
+    let baked = shows_what_render_shows("browser_office", "office", "1", &options);
+    assert!(baked.pages.len() > 3, "64² texels should not be enough for the office");
+}
+
+#[test]
+#[ignore = "slow: Chromium with software WebGL, and a Python environment"]
+fn the_browser_check_rejects_wrong_light() {
+    let out = folder("browser_rejects");
+    let baked = bake(&fixture("cornell"), &out, &["--preset", "preview"]);
+    let reference = picture(&baked, "0");
+    let good = fs::read_to_string(&baked.gltf).unwrap();
+    let wrong = |from: &str, to: &str| {
+        assert!(good.contains(from));
+        let path = out.join("wrong.gltf");
+        fs::write(&path, good.replace(from, to)).unwrap();
+        path
+    };
+    let channel = wrong(r#""texCoord": 1, "intensity""#, r#""texCoord": 0, "intensity""#);
+    rejects("checks/browser.py", &[text(&channel), text(&reference)], "the ratio of means is off");
+    // Without the patch of the plugin, three.js keeps some of the light for highlights.
+    rejects("checks/browser.py", &[text(&baked.gltf), text(&reference), "--plain"], "of the pixels are off");
+    brighten(&baked.pages[0], 1.05);
+    rejects("checks/browser.py", &[text(&baked.gltf), text(&reference)], "the ratio of means is off");
+}
+
+#[test]
+#[ignore = "slow: Chromium with software WebGL, and a Python environment"]
+fn a_browser_shows_vertex_light_and_says_what_is_wrong_with_a_file() {
+    accepts("checks/browser_cases.py", &[]);
+    for (name, why) in [("radiosity", "is off by"), ("a texture without EXR", "was not refused")] {
+        rejects("checks/browser_cases.py", &["--wrong", name], why);
+    }
+}
