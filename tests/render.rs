@@ -218,7 +218,7 @@ fn a_document_on_disk_with_its_pages() {
             (View::Auto, Overlay::Charts, "charts"),
             (View::Auto, Overlay::Density, "density"),
         ] {
-            let settings = Settings { width: 480, height: 270, samples: 4, exposure: None, view, overlay };
+            let settings = Settings { width: 480, height: 270, samples: 4, view, overlay, ..Settings::default() };
             let picture = render(&baked, &lightmaps, &settings).unwrap();
             if let Some(keep) = std::env::var_os("TEXELWALK_TEST_OUTPUT") {
                 let file = std::path::Path::new(&keep).join(format!("{}-{suffix}.png", name.replace('/', "-")));
