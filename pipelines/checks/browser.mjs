@@ -1,7 +1,8 @@
 /**
  * Opens pages in headless Chromium with software WebGL, and writes down what their hooks hand over.
  *
- * In, as JSON on stdin: `{ modules, chromium, jobs: [{ address, files, width, height, strata, screenshots: [{ path, settings }] }] }`;
+ * In, as JSON on stdin: `{ modules, chromium, jobs }`, a job being
+ * `{ address, files, width, height, strata, screenshots: [{ path, settings }] }`;
  * `modules` holds playwright-core; `files`, if any, are picked on the page. Out, as JSON on stdout: for every job
  * `{ radiance, quick, pages }` as the page's `window.texelwalk` gives them (base64; `quick` has one sample a pixel), or
  * `{ error }`, what the page says went wrong. Called by browser_session.py.

@@ -37,6 +37,7 @@ STRATA = 8
 SCREENSHOTS = {
     "page": {},
     "page-even": {"split": 0.5, "other": "even"},
+    "page-lights": {"split": 0.5, "other": "lights"},
     "page-dark": {"split": 0.5, "other": "dark"},
     "page-charts": {"split": 0.5, "other": "charts"},
 }

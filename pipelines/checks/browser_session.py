@@ -1,7 +1,8 @@
 """Shows glTF files on the page of pipelines/web, in headless Chromium.
 
-In: jobs as browser.mjs takes them, addresses made by `address_of` and `local_page`. Out: what the page hands over, one result a job. The
-repository is served on a free port of this machine for as long as that takes. Chromium is the command `chromium`.
+In: jobs as browser.mjs takes them, addresses made by `address_of` and `local_page`. Out: what the page hands over, one
+result a job. The repository is served on a free port of this machine for as long as that takes. Chromium is the command
+`chromium`.
 """
 
 import contextlib

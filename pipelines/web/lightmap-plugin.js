@@ -27,14 +27,20 @@
 import { ClampToEdgeWrapping, LinearFilter, LoaderUtils, REVISION, ShaderChunk } from 'three';
 import { EXRLoader } from 'three/addons/loaders/EXRLoader.js';
 
-/** How to set the baked light of a material to a multiple of what was baked. */
-const strengthOf = new WeakMap();
+/** By material: `set(factor)` for its baked light; for vertex light also `attribute` and `scale`, which makes it E. */
+const baked = new WeakMap();
 
 /** Multiplies all baked light under `root` by `factor`: 0 switches it off, 1 is as baked. */
 export function setBakedLight(root, factor) {
   root.traverse((object) => {
-    for (const material of [object.material].flat()) strengthOf.get(material)?.(factor);
+    for (const material of [object.material].flat()) baked.get(material)?.set(factor);
   });
+}
+
+/** `{ attribute, scale }` of a material with vertex light: attribute × scale is irradiance [lx]. Else undefined. */
+export function vertexLightOf(material) {
+  const light = baked.get(material);
+  return light?.attribute ? light : undefined;
 }
 
 export class LightmapPlugin {
@@ -117,21 +123,21 @@ export class LightmapPlugin {
       if (!geometry.attributes[channel === 0 ? 'uv' : `uv${channel}`]) {
         throw new Error(`mesh ${mesh.name}: its material has a lightmap on TEXCOORD_${channel}, which the mesh lacks`);
       }
-      if (!strengthOf.has(material)) this.finishLightmapped(material);
+      if (!baked.has(material)) this.finishLightmapped(material);
       return;
     }
     const name = (manifest.attribute ?? '_LIGHTMAP').toLowerCase(); // as GLTFLoader spells it
     const attribute = geometry.attributes[name];
     if (!attribute || !material.isMeshStandardMaterial) return;
     if (attribute.itemSize !== 3 || !/^(_[a-z0-9]+)+$/.test(name)) {
-      throw new Error(`mesh ${mesh.name}: attribute ${name} is not usable as light; it must be a VEC3 called like _LIGHTMAP`);
+      throw new Error(`mesh ${mesh.name}: attribute ${name} is not usable as light; it must be a VEC3, called _LIGHTMAP`);
     }
     mesh.material = this.vertexLitMaterial(material, name, manifest.quantity ?? 'radiosity');
   }
 
   finishLightmapped(material) {
     const intensity = material.lightMapIntensity;
-    strengthOf.set(material, (factor) => { material.lightMapIntensity = intensity * factor; });
+    baked.set(material, { set: (factor) => { material.lightMapIntensity = intensity * factor; } });
     if (this.plain) return;
     material.onBeforeCompile = (shader) => {
       const maps = replaced(ShaderChunk.lights_fragment_maps, 'irradiance += lightMapIrradiance;', '');
@@ -150,7 +156,7 @@ export class LightmapPlugin {
     if (this.vertexLit.has(key)) return this.vertexLit.get(key);
     const material = original.clone();
     const bakedScale = { value: scale };
-    strengthOf.set(material, (factor) => { bakedScale.value = scale * factor; });
+    baked.set(material, { attribute: name, scale, set: (factor) => { bakedScale.value = scale * factor; } });
     material.onBeforeCompile = (shader) => {
       shader.uniforms.bakedScale = bakedScale;
       const common = '#include <common>';

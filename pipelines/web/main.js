@@ -14,7 +14,7 @@ const query = new URLSearchParams(window.location.search);
 const LABELS = { even: 'even light', lights: 'lights of the file', dark: 'own emission', charts: 'charts and texels' };
 const NOTES = {
   even: 'As bright as the mean of the bake, the same from everywhere.',
-  lights: 'Point, spot and directional lights as they are in the file. Glowing surfaces light nothing here.',
+  lights: 'Point, spot and directional lights as they are in the file, without shadows. Glowing surfaces light nothing here.',
   dark: 'What glows by itself.',
   charts: 'A colour per chart of the lightmap, squares are its texels. Dark grey has no lightmap.',
 };
@@ -51,6 +51,8 @@ function opening(makeSource) {
 
 function fail(error) {
   say(error.message ?? String(error), true);
+  part('facts').textContent = '';
+  part('controls').disabled = true;
 }
 
 function say(message, isError = false) {
@@ -103,7 +105,11 @@ function connect() {
   };
   for (const [button, input] of [['open-folder', 'folder'], ['open-files', 'files']]) {
     part(button).onclick = () => part(input).click();
-    part(input).onchange = (event) => opening(() => fromFiles(picked(event.target)));
+    part(input).onchange = ({ target }) => {
+      const files = picked(target);
+      target.value = ''; // so that the same files, baked again, count as a change
+      opening(() => fromFiles(files));
+    };
   }
   document.body.ondragover = (event) => event.preventDefault();
   document.body.ondrop = (event) => {

@@ -16,7 +16,7 @@ import {
 import { GLTFLoader } from 'three/addons/loaders/GLTFLoader.js';
 import { OrbitControls } from 'three/addons/controls/OrbitControls.js';
 import { chartMaterial } from './charts.js';
-import { LightmapPlugin, setBakedLight } from './lightmap-plugin.js';
+import { LightmapPlugin, setBakedLight, vertexLightOf } from './lightmap-plugin.js';
 
 /** Value before the tone curve that the log-average of the picture gets, as `texelwalk render` does. */
 const KEY = 0.22;
@@ -49,11 +49,23 @@ export class Viewer {
   async open(source, { plain = false } = {}) {
     const makeLoader = (manager) => new GLTFLoader(manager).register((parser) => new LightmapPlugin(parser, { plain }));
     const gltf = await source.load(makeLoader);
-    if (this.model) this.scene.remove(this.model);
+    this.close();
     this.model = gltf.scene;
     this.scene.add(this.model);
     this.model.updateMatrixWorld(true);
     this.take();
+  }
+
+  /** Takes the model away and frees its memory on the GPU. */
+  close() {
+    if (!this.model) return;
+    this.scene.remove(this.model);
+    for (const { mesh, material, charts } of this.meshes) {
+      mesh.geometry.dispose();
+      for (const value of Object.values(material)) if (value?.isTexture) value.dispose();
+      material.dispose();
+      charts?.dispose();
+    }
   }
 
   /** Finds meshes, lights, cameras and pages of the model. */
@@ -78,8 +90,9 @@ export class Viewer {
     this.meshes.push({ mesh, material });
     if (material.isMeshBasicMaterial) material.toneMapped = false; // unlit: meant for the display as it is
     if (material.map) material.map.anisotropy = this.renderer.capabilities.getMaxAnisotropy();
-    if (material.lightMap) this.pages.set(material.lightMap.name, { texture: material.lightMap, intensity: material.lightMapIntensity });
-    if (!material.lightMap && mesh.geometry.attributes._lightmap) this.vertexLit += 1;
+    const { lightMap: texture, lightMapIntensity: intensity } = material;
+    if (texture) this.pages.set(texture.name, { texture, intensity });
+    if (vertexLightOf(material)) this.vertexLit += 1;
   }
 
   /** Mean luminance of the bake [lx]: of charted texels, or of vertices. */
@@ -96,9 +109,10 @@ export class Viewer {
       }
     }
     if (count === 0) {
-      for (const { mesh } of this.meshes) {
-        const attribute = mesh.geometry.attributes._lightmap;
-        for (let v = 0; v < (attribute?.count ?? 0); v += 1) add((c) => attribute.getComponent(v, c), Math.PI);
+      for (const { mesh, material } of this.meshes.filter((entry) => vertexLightOf(entry.material))) {
+        const { attribute, scale } = vertexLightOf(material);
+        const light = mesh.geometry.attributes[attribute];
+        for (let v = 0; v < light.count; v += 1) add((c) => light.getComponent(v, c), scale);
       }
     }
     return count > 0 ? sum / count : 1;
