@@ -12,9 +12,9 @@ use std::fs;
 use std::path::PathBuf;
 
 /// The linear picture of a camera, as `render` takes it.
-fn picture(bake: &Bake, camera: &str) -> PathBuf {
+fn picture(bake: &Bake, camera: &str, [width, height]: [&str; 2]) -> PathBuf {
     let path = bake.gltf.with_file_name("view.exr");
-    let size = ["--width", "480", "--height", "320", "--samples", "64"];
+    let size = ["--width", width, "--height", height, "--samples", "64"];
     let mut arguments = vec!["render", text(&bake.gltf), "-o", text(&path), "--camera", camera];
     arguments.extend(size);
     let output = texelwalk(&arguments);
@@ -26,7 +26,7 @@ fn picture(bake: &Bake, camera: &str) -> PathBuf {
 fn shows_what_render_shows(test: &str, name: &str, camera: &str, options: &[&str]) -> Bake {
     let out = folder(test);
     let baked = bake(&fixture(name), &out, options);
-    let (reference, pictures) = (picture(&baked, camera), out.join("pictures"));
+    let (reference, pictures) = (picture(&baked, camera, ["480", "320"]), out.join("pictures"));
     let arguments = [text(&baked.gltf), text(&reference), "--camera", camera, "--pictures", text(&pictures)];
     accepts("checks/browser.py", &arguments);
     baked
@@ -52,7 +52,7 @@ fn a_browser_shows_the_office_on_many_pages_as_render_does() {
 fn the_browser_check_rejects_wrong_light() {
     let out = folder("browser_rejects");
     let baked = bake(&fixture("cornell"), &out, &["--preset", "preview"]);
-    let reference = picture(&baked, "0");
+    let reference = picture(&baked, "0", ["240", "160"]);
     let good = fs::read_to_string(&baked.gltf).unwrap();
     let wrong = |from: &str, to: &str| {
         assert!(good.contains(from));
