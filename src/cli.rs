@@ -119,8 +119,8 @@ pub struct Render {
     /// A glTF that `bake` wrote
     #[arg(value_name = "BAKED")]
     pub input: PathBuf,
-    /// The picture to write: a PNG for people, or an .exr of radiance in cd/m² without tone curve
-    #[arg(short, long, value_name = "FILE")]
+    /// The PNG to write
+    #[arg(short, long, value_name = "PNG")]
     pub output: PathBuf,
     /// Camera of the document, by number [default: the first]
     #[arg(long, value_name = "N", conflicts_with = "auto")]
@@ -137,7 +137,7 @@ pub struct Render {
     /// Samples per pixel
     #[arg(long, value_name = "N", default_value_t = 16)]
     pub samples: u32,
-    /// Exposure in stops [default: by the picture's log-average; 0 for an .exr]
+    /// Exposure in stops [default: by the picture's log-average]
     #[arg(long, value_name = "STOPS", allow_negative_numbers = true)]
     pub exposure: Option<f32>,
     /// Show charts or texel density instead of light

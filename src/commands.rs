@@ -138,13 +138,11 @@ pub(crate) fn render(typed: &cli::Render) -> Outcome {
         let path = typed.input.display();
         return Err((Exit::Input, format!("{path}: has no lightmap; bake it first, and render what bake wrote")));
     }
-    let linear = typed.output.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"));
     let settings = render::Settings {
         width: typed.width,
         height: typed.height,
         samples: typed.samples,
         exposure: typed.exposure,
-        tone_curve: !linear,
         view: match (typed.auto, typed.camera) {
             (true, _) => View::Auto,
             (false, Some(n)) => View::Camera(n),
@@ -154,8 +152,7 @@ pub(crate) fn render(typed: &cli::Render) -> Outcome {
     };
     let picture = render::render(&scene, &lightmaps, &settings).map_err(|e| (Exit::Usage, e.to_string()))?;
     let size = [picture.width, picture.height];
-    let encode = if linear { exr::picture } else { png::picture };
-    let bytes = encode(&typed.output, size, &picture.pixels).map_err(|e| (output_exit(&e), e.to_string()))?;
+    let bytes = png::picture(&typed.output, size, &picture.pixels).map_err(|e| (output_exit(&e), e.to_string()))?;
     let inputs = &scene.document.files_read;
     atomic::commit(&[(typed.output.clone(), bytes)], inputs, &|| false)
         .map_err(|e| (output_exit(&e), e.to_string()))?;

@@ -12,8 +12,6 @@
 //! to [`KEY`]. The tone curve is per channel c(1 + c/W²)/(1 + c) with W = [`WHITE`]: Reinhard, Stark, Shirley,
 //! Ferwerda, "Photographic tone reproduction for digital images", SIGGRAPH 2002, eq. (4), there on luminance. Samples
 //! are averaged after the curve, so that edges of lamps stay smooth.
-//!
-//! Without the tone curve, values are radiance [cd/m²] × 2^stops, nothing is clamped, and what shows nothing is black.
 
 mod camera;
 mod lightmap;
@@ -56,10 +54,8 @@ pub struct Settings {
     pub height: u32,
     /// Rays per pixel; the next square number is used.
     pub samples: u32,
-    /// Exposure in stops; `None` = automatic, or 0 without the tone curve.
+    /// Exposure in stops; `None` = automatic.
     pub exposure: Option<f32>,
-    /// Map radiance to what a display can show.
-    pub tone_curve: bool,
     /// Where to stand.
     pub view: View,
     /// What to show.
@@ -69,18 +65,18 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         let (view, overlay) = (View::Default, Overlay::None);
-        Self { width: 1280, height: 720, samples: 16, exposure: None, tone_curve: true, view, overlay }
+        Self { width: 1280, height: 720, samples: 16, exposure: None, view, overlay }
     }
 }
 
-/// A picture ready for sRGB encoding, or for a file of linear values.
+/// A picture ready for sRGB encoding.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Picture {
     /// Width [px].
     pub width: u32,
     /// Height [px].
     pub height: u32,
-    /// Linear display values in [0, 1], or radiance [cd/m²] × 2^stops without the tone curve; top row first.
+    /// Linear display values in [0, 1], top row first.
     pub pixels: Vec<[f32; 3]>,
     /// Exposure that was used [stops].
     pub exposure: f32,
@@ -128,10 +124,8 @@ pub fn render(scene: &Scene, lightmaps: &Lightmaps, settings: &Settings) -> Resu
     let size = [width as usize, height as usize];
     let exposure = match settings.exposure {
         Some(stops) => stops,
-        None if !settings.tone_curve => 0.0,
         None => shot.auto_exposure(&eye, size),
     };
-    let show = if settings.tone_curve { Shot::display } else { Shot::linear };
     let factor = libm::exp2f(exposure);
     let strata = (1..).find(|n| n * n >= samples).unwrap_or(1);
     let pixels = parallel::map(size[0] * size[1], |i| {
@@ -141,7 +135,7 @@ pub fn render(scene: &Scene, lightmaps: &Lightmaps, settings: &Settings) -> Resu
             let (sx, sy) = ((s % strata) as f32, (s / strata) as f32);
             let dx = (sx + random.next_f32()) / strata as f32;
             let dy = (sy + random.next_f32()) / strata as f32;
-            sum += show(&shot, &eye.through(i, size, [dx, dy]), factor);
+            sum += shot.display(&eye.through(i, size, [dx, dy]), factor);
         }
         (sum / (strata * strata) as f32).to_array()
     });
@@ -211,16 +205,6 @@ impl Shot<'_> {
             Seen::Sky(radiance) => tone(radiance * factor),
             Seen::Painted(color) => color.clamp(Rgb::ZERO, Rgb::ONE),
             Seen::Nothing => Rgb::splat(NEUTRAL),
-        }
-    }
-
-    /// Radiance × `factor`.
-    fn linear(&self, ray: &Ray, factor: f32) -> Rgb {
-        match self.look(ray) {
-            Seen::Surface(reflected, emitted) => (reflected + emitted) * factor,
-            Seen::Sky(radiance) => radiance * factor,
-            Seen::Painted(color) => color,
-            Seen::Nothing => Rgb::ZERO,
         }
     }
 

@@ -228,26 +228,6 @@ fn compare_tells_equal_from_different() {
 }
 
 #[test]
-fn render_writes_radiance_to_an_exr_and_a_picture_to_a_png() {
-    let home = folder();
-    let cornell = fixture("cornell/cornell.gltf");
-    let mut bake = vec!["bake", path(&cornell), "-o", path(home.path()), "--texels-per-meter", "4"];
-    bake.extend(QUICK);
-    expect(&bake, 0);
-    let document = home.path().join("cornell.gltf");
-    let (linear, shown) = (home.path().join("view.EXR"), home.path().join("view.png"));
-    for picture in [&linear, &shown] {
-        expect(&["render", path(&document), "-o", path(picture), "--width", "64", "--height", "64"], 0);
-    }
-    let image = exr::read_rgba(&linear).unwrap();
-    assert_eq!((image.width, image.height), (64, 64));
-    // The light emits 17 cd/m², which no curve has cut, and reflects some of what comes back.
-    let brightest = image.pixels.iter().map(|p| p[0]).fold(0.0, f32::max);
-    assert!((17.0..18.0).contains(&brightest), "{brightest}");
-    assert_eq!(&fs::read(&shown).unwrap()[1..4], b"PNG");
-}
-
-#[test]
 fn help_is_enough_to_start() {
     let help = text(&expect(&["--help"], 0).stdout);
     for word in ["bake", "inspect", "compare", "render", "Exit codes", "texelwalk bake room.glb -o out/"] {

@@ -1,17 +1,17 @@
 """Shows a baked glTF with three.js in headless Chromium, and compares the pixels with `texelwalk render`.
 
-In: a baked glTF or GLB, and the linear picture of its camera that `texelwalk render BAKED -o view.exr` wrote. Both must lie
-inside the repository, which is served to the browser on this machine alone. Out: a table on stdout; with `--pictures` PNGs
-of both pictures, their difference, and the page; exit code 1 above a threshold.
+In: a baked glTF or GLB, and the linear picture of its camera (A = coverage) that `texelwalk render BAKED -o view.exr`
+wrote. The glTF must lie inside the repository, which is served to the browser on this machine alone. Out: a table on
+stdout; with `--pictures` PNGs of both pictures, their difference, and the page; exit code 1 above a threshold.
 
 * The page (pipelines/web) renders into float targets on the CPU (SwiftShader), without tone curve.
 * The error of a pixel is its largest difference over the channels, relative to the reference's largest channel; below a
   thousandth of the mean, relative to that. Thresholds: ratio of the means over all surfaces in view per channel,
-  share of pixels that are off. Edges of surfaces, and textures that three.js
-  takes from mip-maps, are among those.
+  share of pixels that are off. Edges of surfaces, and textures that three.js takes from mip-maps, are among those.
 * Nothing is left out but pixels in which both pictures show no surface; their number is printed.
 * The same files picked on the page as it lies on the disk, without a server, must give the same pixels.
-* Every half of the pages in the browser must be that in the file, as OpenImageIO reads it.
+* The browser must show the pages that the document names (none for light at vertices), every half of them as OpenImageIO
+  reads it.
 """
 
 import argparse
@@ -62,8 +62,11 @@ def files_of(baked):
 def page_faults(result, baked):
     """Texels of the browser's pages that are not the file's, bit for bit."""
     faults = []
-    if not result["pages"]:
-        faults.append("the page has no lightmap")
+    scenes = GltfFile(baked).json.get("scenes", [])
+    named = {page["uri"] for s in scenes for page in s.get("extras", {}).get("lightmap", {}).get("pages", [])}
+    found = {page["uri"] for page in result["pages"]}
+    if named != found:
+        faults.append(f"the document names the pages {sorted(named)}, the browser shows {sorted(found)}")
     for page in result["pages"]:
         ours = numpy.frombuffer(base64.b64decode(page["halves"]), numpy.uint16)
         ours = ours.reshape(page["height"], page["width"], 4)[::-1]
@@ -83,8 +86,8 @@ def page_faults(result, baked):
 
 def compare(ours, reference, arguments):
     """Prints what differs; returns the faults."""
-    covered = (ours[..., 3] > 0) | (reference.max(axis=2) > 0)
-    a, b = ours[..., :3][covered], reference[covered]
+    covered = (ours[..., 3] > 0) | (reference[..., 3] > 0)
+    a, b = ours[..., :3][covered], reference[..., :3][covered]
     if a.size == 0:
         return ["there is no surface in view"]
     if not numpy.isfinite(a).all():
@@ -107,7 +110,7 @@ def compare(ours, reference, arguments):
 
 
 def write_pictures(folder, ours, reference):
-    surfaces = reference.max(axis=2) > 0
+    surfaces, reference = reference[..., 3] > 0, reference[..., :3]
     white = 4.0 * float(numpy.median(reference[surfaces])) if surfaces.any() else 1.0
     write_png(folder / "browser.png", tone_mapped(ours[..., :3], white))
     write_png(folder / "reference.png", tone_mapped(reference, white))
@@ -125,8 +128,10 @@ def main():
     parser.add_argument("--pixel", type=float, default=0.03, help="error at which a pixel is off")
     parser.add_argument("--share", type=float, default=0.05, help="most pixels that may be off")
     arguments = parser.parse_args()
-    reference = read_exr(arguments.reference)[..., :3]
-    height, width = reference.shape[:2]
+    reference = read_exr(arguments.reference)
+    height, width, channels = reference.shape
+    if channels != 4:
+        environment.fail(f"{arguments.reference}: has {channels} channels, not R, G, B and coverage; render it again")
     options = f"camera={arguments.camera}" + ("&plain" if arguments.plain else "")
     address = f"{address_of(arguments.baked)}&{options}"
     screenshots = []

@@ -1,4 +1,4 @@
-//! OpenEXR: lightmap pages, AOV files, linear pictures, and the reader that `compare` and `render` use.
+//! OpenEXR: lightmap pages, AOV files, and the reader that `compare` and `render` use.
 //!
 //! Written: one part, scan lines in increasing order, ZIP of 16 lines, half (or float for positions and errors),
 //! Rec.709 chromaticities, no time stamp. Row 0 = v 0. Values beyond the half range are clamped to it; not-a-number is
@@ -69,16 +69,6 @@ pub fn aovs(path: &Path, size: [u32; 2], layers: Vec<AovLayer>, attributes: &Att
         }
     }
     write(path, size, channels, attributes)
-}
-
-/// The bytes of a picture in linear values: float channels R, G, B. `path` is where it will go, for messages.
-///
-/// # Errors
-/// If a value is not a number, or `pixels` does not fit `size`.
-pub fn picture(path: &Path, size: [u32; 2], pixels: &[[f32; 3]]) -> Result<Vec<u8>, Error> {
-    let channel = |c: usize| pixels.iter().map(|p| p[c]).collect::<Vec<f32>>();
-    let named = ["R", "G", "B"].into_iter().enumerate().map(|(c, name)| (name.to_owned(), channel(c), true));
-    write(path, size, named.collect(), &Attributes::new())
 }
 
 fn write(
@@ -334,14 +324,6 @@ mod tests {
         assert_eq!(channels[0].sample_data.values_as_f32().collect::<Vec<_>>(), values(2.0));
         let short = vec![AovLayer { name: "a".into(), channels: vec![("Y".into(), vec![0.0])], float: false }];
         assert!(aovs(Path::new("x.exr"), [3, 2], short, &Attributes::new()).is_err());
-    }
-
-    #[test]
-    fn pictures_keep_every_bit_and_have_a_value_per_pixel() {
-        let pixels = [[0.1, 1e-9, 70_000.0], [1.0 / 3.0, 0.0, 2.0]];
-        let image = round_trip(&picture(Path::new("x.exr"), [2, 1], &pixels).unwrap());
-        assert_eq!(image.pixels, pixels.map(|[r, g, b]| [r, g, b, 1.0]));
-        assert!(picture(Path::new("x.exr"), [2, 2], &pixels).is_err());
     }
 
     #[test]
