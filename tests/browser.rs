@@ -7,43 +7,55 @@
 #[path = "support/crosscheck_env.rs"]
 mod crosscheck_env;
 
-use crosscheck_env::{Bake, accepts, bake, brighten, fixture, folder, rejects, texelwalk, text};
+use crosscheck_env::{accepts, bake, brighten, fixture, folder, rejects, texelwalk, text};
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+fn runs(arguments: &[&str]) {
+    let output = texelwalk(arguments);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
 
 /// The linear picture of a camera, as `render` takes it.
-fn picture(bake: &Bake, camera: &str, [width, height]: [&str; 2]) -> PathBuf {
-    let path = bake.gltf.with_file_name("view.exr");
+fn picture(baked: &Path, camera: &str, [width, height]: [&str; 2]) -> PathBuf {
+    let path = baked.with_file_name("view.exr");
     let size = ["--width", width, "--height", height, "--samples", "64"];
-    let mut arguments = vec!["render", text(&bake.gltf), "-o", text(&path), "--camera", camera];
+    let mut arguments = vec!["render", text(baked), "-o", text(&path), "--camera", camera];
     arguments.extend(size);
-    let output = texelwalk(&arguments);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    runs(&arguments);
     path
 }
 
-/// Bakes, and compares both pictures; PNGs of them and of the page stay in `target/crosscheck/<test>/pictures`.
-fn shows_what_render_shows(test: &str, name: &str, camera: &str, options: &[&str]) -> Bake {
-    let out = folder(test);
-    let baked = bake(&fixture(name), &out, options);
-    let (reference, pictures) = (picture(&baked, camera, ["480", "320"]), out.join("pictures"));
-    let arguments = [text(&baked.gltf), text(&reference), "--camera", camera, "--pictures", text(&pictures)];
+/// Compares both pictures; PNGs of them and of the page stay in the folder `pictures` beside the document.
+fn shows_what_render_shows(baked: &Path, camera: &str) {
+    let (reference, pictures) = (picture(baked, camera, ["480", "320"]), baked.with_file_name("pictures"));
+    let arguments = [text(baked), text(&reference), "--camera", camera, "--pictures", text(&pictures)];
     accepts("checks/browser.py", &arguments);
-    baked
 }
 
 #[test]
 #[ignore = "slow: Chromium with software WebGL, and a Python environment"]
 fn a_browser_shows_cornell_as_render_does() {
-    let baked = shows_what_render_shows("browser_cornell", "cornell", "0", &["--preset", "preview"]);
+    let baked = bake(&fixture("cornell"), &folder("browser_cornell"), &["--preset", "preview"]);
     assert_eq!(baked.pages.len(), 1);
+    shows_what_render_shows(&baked.gltf, "0");
+}
+
+#[test]
+#[ignore = "slow: Chromium with software WebGL, and a Python environment"]
+fn a_browser_shows_light_at_vertices_as_render_does() {
+    let baked = folder("browser_vertices").join("cornell.gltf");
+    let input = fixture("cornell").file;
+    runs(&["bake", text(&input), "-o", text(&baked), "--target", "vertex", "--preset", "preview", "-q"]);
+    shows_what_render_shows(&baked, "0");
 }
 
 #[test]
 #[ignore = "slow: Chromium with software WebGL, and a Python environment"]
 fn a_browser_shows_the_office_on_many_pages_as_render_does() {
     let options = ["--preset", "preview", "--page-size", "64"];
-    let baked = shows_what_render_shows("browser_office", "office", "1", &options);
+    let baked = bake(&fixture("office"), &folder("browser_office"), &options);
+    shows_what_render_shows(&baked.gltf, "1");
     assert!(baked.pages.len() > 3, "64² texels should not be enough for the office");
 }
 
@@ -52,7 +64,7 @@ fn a_browser_shows_the_office_on_many_pages_as_render_does() {
 fn the_browser_check_rejects_wrong_light() {
     let out = folder("browser_rejects");
     let baked = bake(&fixture("cornell"), &out, &["--preset", "preview"]);
-    let reference = picture(&baked, "0", ["240", "160"]);
+    let reference = picture(&baked.gltf, "0", ["240", "160"]);
     let good = fs::read_to_string(&baked.gltf).unwrap();
     let wrong = |from: &str, to: &str| {
         assert!(good.contains(from));
