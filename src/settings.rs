@@ -92,10 +92,10 @@ pub struct Options {
     /// Which attribute carries the light [default: lightmap]
     #[arg(long, value_enum, value_name = "NAME", help_heading = "Vertices")]
     pub vertex_attribute: Option<VertexAttribute>,
-    /// Light that a COLOR_0 of 1 stands for, in cd/m² [default: the largest there is]
+    /// Light that a `COLOR_0` of 1 stands for, in cd/m² [default: the largest there is]
     #[arg(long, value_name = "X", help_heading = "Vertices")]
     pub vertex_scale: Option<f32>,
-    /// Make materials unlit, so that any viewer shows base colour times COLOR_0 [default: false]
+    /// Make materials unlit, so that any viewer shows base colour times `COLOR_0` [default: false]
     #[arg(
         long,
         value_name = "BOOL",

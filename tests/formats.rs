@@ -7,7 +7,7 @@
 #[path = "support/crosscheck_env.rs"]
 mod crosscheck_env;
 
-use crosscheck_env::{accepts, bake, fixture, folder, rejects, texelwalk, text};
+use crosscheck_env::{accepts, bake, brighten, fixture, folder, rejects, texelwalk, text};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fs;
@@ -240,17 +240,6 @@ fn format_check_rejects_other_light_other_scales_and_damaged_files() {
         assert!(said.contains(&format!("FAULT  {name:<5}")), "2 % more light is not noticed in {name}:\n{said}");
     }
     fs::write(file("exr"), exr).unwrap();
-}
-
-/// Multiplies the colours of a page in place.
-fn brighten(page: &Path, by: f32) {
-    let image = read_rgba(page).unwrap();
-    let pixel = |x: usize, y: usize| {
-        let [r, g, b, a] = image.pixels[y * image.width as usize + x];
-        let [r, g, b] = [r, g, b].map(|v| exr::prelude::f16::from_f32(v * by));
-        (r, g, b, exr::prelude::f16::from_f32(a))
-    };
-    exr::prelude::write_rgba_file(page, image.width as usize, image.height as usize, pixel).unwrap();
 }
 
 #[test]

@@ -166,18 +166,20 @@ pub(crate) fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
-/// Multiplies the colours of a page in place.
+/// Multiplies the colours of a page in place. The settings of the bake are lost.
 pub(crate) fn brighten(page: &Path, by: f32) {
-    let read = exr::prelude::read_first_rgba_layer_from_file(
-        page,
-        |size, _| vec![vec![(0.0f32, 0.0f32, 0.0f32, 0.0f32); size.width()]; size.height()],
-        |rows: &mut Vec<Vec<(f32, f32, f32, f32)>>, at, pixel: (f32, f32, f32, f32)| rows[at.y()][at.x()] = pixel,
-    )
-    .unwrap();
-    let rows = read.layer_data.channel_data.pixels;
+    brighten_where(page, by, |_, _| true);
+}
+
+/// The same, where `which(column, row)` holds.
+pub(crate) fn brighten_where(page: &Path, by: f32, which: impl Fn(usize, usize) -> bool + Sync) {
+    use exr::prelude::f16;
+    let image = texelwalk::output::exr::read_rgba(page).unwrap();
+    let (width, height) = (image.width as usize, image.height as usize);
     let pixel = |x: usize, y: usize| {
-        let (r, g, b, a) = rows[y][x];
-        (r * by, g * by, b * by, a)
+        let by = if which(x, y) { by } else { 1.0 };
+        let [r, g, b, a] = image.pixels[y * width + x];
+        (f16::from_f32(r * by), f16::from_f32(g * by), f16::from_f32(b * by), f16::from_f32(a))
     };
-    exr::prelude::write_rgba_file(page, rows[0].len(), rows.len(), pixel).unwrap();
+    exr::prelude::write_rgba_file(page, width, height, pixel).unwrap();
 }
