@@ -94,7 +94,7 @@ mod tests {
         let vertex =
             |p: [f64; 3]| Vertex { part: 0, origin: Origin::source(0), position: DVec3::from(p), normal: DVec3::Z };
         let vertices: Vec<Vertex> = positions.into_iter().map(vertex).collect();
-        let element = |corners: [u32; 3]| Element { corners, uv: [DVec2::ZERO; 3], page: 0, area: 0.4 };
+        let element = |corners: [u32; 3]| Element { corners, uv: [DVec2::ZERO; 3], page: 0, area: 0.4, uncut: None };
         Mesh { vertices, elements: vec![element([0, 1, 2]), element([1, 0, 3])], original: 4 }
     }
 

@@ -42,6 +42,8 @@ pub(super) struct Element {
     pub(super) page: u32,
     /// [m²]
     pub(super) area: f64,
+    /// Its number in the mesh before the last refinement, if it is still the same.
+    pub(super) uncut: Option<u32>,
 }
 
 /// Triangles and their corners.
@@ -122,7 +124,7 @@ impl Mesh {
                 let place = charted.triangles.get(k).filter(|_| chart != NO_CHART);
                 let uv = place.map_or([DVec2::ZERO; 3], |c| c.map(|v| charted.uv[v as usize].as_dvec2()));
                 let page = place.map_or(NO_PATCH, |_| atlas.charts[chart as usize].page);
-                mesh.elements.push(Element { corners, uv, page, area: scene.area(t) });
+                mesh.elements.push(Element { corners, uv, page, area: scene.area(t), uncut: None });
             }
         }
         mesh.original = mesh.vertices.len();

@@ -83,7 +83,7 @@ pub struct Fit {
     pub error: f64,
     /// Of the lightmap's values at the vertices.
     pub error_sampled: f64,
-    /// Of mean values over the triangles around each vertex, weighted by area and hat function.
+    /// Of mean values over the triangles around each vertex, weighted by area.
     pub error_averaged: f64,
     /// What [`Settings::subdivide`] asks for was reached.
     pub reached: bool,
@@ -101,7 +101,7 @@ pub fn fit(
 ) -> VertexLight {
     let mut mesh = Mesh::new(scene, atlas);
     let field = quadrature::Field { patches, lightmap };
-    let mut system = System::new(&mesh, &field);
+    let mut system = System::new(&mesh, &field, None);
     let mut values = solve::solve(&system, progress);
     let mut reached = true;
     if let Some(target) = settings.subdivide {
@@ -110,7 +110,7 @@ pub fn fit(
             if !reached {
                 break;
             }
-            system = System::new(&mesh, &field);
+            system = System::new(&mesh, &field, Some(&system));
             values = solve::solve(&system, progress);
         }
     }

@@ -22,6 +22,8 @@ use std::collections::BTreeSet;
 
 /// Part of the squared error whose triangles are cut. Larger: fewer rounds and more triangles for the same error.
 const SHARE: f64 = 0.6;
+/// Triangles that can be cut must hold this part of the squared error: less is not worth a round.
+const LEAST_SHARE: f64 = 0.01;
 /// Triangles of less area are not cut [texel²]: there is nothing in them that a vertex could show.
 const LEAST_TEXELS: f64 = 2.0;
 /// Triangles at which there are enough.
@@ -62,8 +64,8 @@ pub(super) fn refine(mesh: &mut Mesh, errors: &[f64]) -> bool {
     };
     let mut cutter = Cutter { vertices: core::mem::take(&mut mesh.vertices), middles: BTreeMap::new() };
     let mut elements = Vec::with_capacity(mesh.elements.len() * 2);
-    for (element, &longest) in mesh.elements.iter().zip(&longest) {
-        cutter.cut(element, longest, &is_cut, &mut elements);
+    for ((k, element), &longest) in (0..).zip(&mesh.elements).zip(&longest) {
+        cutter.cut(&Element { uncut: Some(k), ..*element }, longest, &is_cut, &mut elements);
     }
     let grown = elements.len() > mesh.elements.len();
     (mesh.vertices, mesh.elements) = (cutter.vertices, elements);
@@ -74,13 +76,18 @@ fn edge(a: u32, b: u32) -> Edge {
     [a.min(b), a.max(b)]
 }
 
-/// Triangles large enough to be cut that hold [`SHARE`] of the squared error of all such.
+/// Triangles large enough to be cut that hold [`SHARE`] of the squared error of all such; none if that is next to
+/// nothing.
 fn worst(mesh: &Mesh, errors: &[f64]) -> Vec<u32> {
     let large = |e: &Element| e.is_charted() && 0.5 * e.doubled_texels().abs() >= LEAST_TEXELS;
     let mut all: Vec<(f64, u32)> =
         (0..).zip(errors).filter(|(k, _)| large(&mesh.elements[*k as usize])).map(|(k, e)| (*e, k)).collect();
     all.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-    let enough = SHARE * all.iter().fold(0.0, |sum, (e, _)| sum + e);
+    let can_go = all.iter().fold(0.0, |sum, (e, _)| sum + e);
+    if can_go <= LEAST_SHARE * errors.iter().fold(0.0, |sum, e| sum + e) {
+        return vec![];
+    }
+    let enough = SHARE * can_go;
     let mut sum = 0.0;
     let taken = all.into_iter().take_while(|(e, _)| {
         let more = sum < enough && *e > 0.0;
@@ -122,7 +129,7 @@ impl Cutter {
         }
         let uv = |k: usize| element.uv[(first + k) % 3];
         let (middle, uv_middle) = (self.middle(corner(0), corner(1)), (uv(0) + uv(1)) * 0.5);
-        let half = |corners, uv| Element { corners, uv, area: 0.5 * element.area, ..*element };
+        let half = |corners, uv| Element { corners, uv, area: 0.5 * element.area, uncut: None, ..*element };
         let halves = [
             half([corner(2), corner(0), middle], [uv(2), uv(0), uv_middle]),
             half([corner(1), corner(2), middle], [uv(1), uv(2), uv_middle]),

@@ -27,7 +27,7 @@ const MOST_ROUNDS: usize = 16;
 
 /// Values that fit best, none of them negative. Cancelled, it returns what it has.
 pub(super) fn solve(system: &System, progress: &Progress) -> Vec<DVec3> {
-    let mut x = system.averaged();
+    let mut x = system.weighted();
     let mut free = vec![BVec3::TRUE; x.len()];
     for _ in 0..MOST_ROUNDS {
         conjugate_gradients(system, &mut x, &free, progress);

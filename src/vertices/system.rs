@@ -54,11 +54,16 @@ pub(super) struct System {
 }
 
 impl System {
-    pub(super) fn new(mesh: &Mesh, field: &Field<'_>) -> Self {
+    /// The equations of a mesh. `before` are those of the mesh that it was refined from: triangles that were not cut keep
+    /// their integrals.
+    pub(super) fn new(mesh: &Mesh, field: &Field<'_>, before: Option<&Self>) -> Self {
         let places = weld::places(&mesh.vertices);
         let (unknown, count) = weld::unknowns(&mesh.vertices, &places);
         let corners: Vec<[u32; 3]> = mesh.elements.iter().map(|e| e.corners.map(|v| unknown[v as usize])).collect();
-        let locals = parallel::map(corners.len(), |e| integrals(&mesh.elements[e], field));
+        let locals = parallel::map(corners.len(), |e| {
+            let known = before.zip(mesh.elements[e].uncut).map(|(system, old)| system.locals[old as usize]);
+            known.unwrap_or_else(|| integrals(&mesh.elements[e], field))
+        });
         let hinges = hinges(mesh, &unknown);
         let around = Around::new(count, corners.iter().map(<[u32; 3]>::as_slice));
         let hinged = Around::new(count, hinges.iter().map(|h| h.unknowns.as_slice()));
@@ -125,9 +130,21 @@ impl System {
     }
 
     /// b/∫φ: mean light around each unknown, weighted by its hat function; zero where nothing is exposed.
+    pub(super) fn weighted(&self) -> Vec<DVec3> {
+        self.load.iter().zip(&self.mass).map(|(b, m)| mean(*b, *m)).collect()
+    }
+
+    /// Mean light over the triangles around each unknown; zero where nothing is exposed.
     pub(super) fn averaged(&self) -> Vec<DVec3> {
-        let mean = |(b, m): (&DVec3, &f64)| if *m > 0.0 { *b / *m } else { DVec3::ZERO };
-        self.load.iter().zip(&self.mass).map(mean).collect()
+        let mut sums = vec![(DVec3::ZERO, 0.0); self.load.len()];
+        for (local, corners) in self.locals.iter().zip(&self.corners) {
+            for &corner in corners {
+                let (light, area) = &mut sums[corner as usize];
+                *light += local.load[0] + local.load[1] + local.load[2];
+                *area += local.area();
+            }
+        }
+        sums.into_iter().map(|(light, area)| mean(light, area)).collect()
     }
 
     /// The lightmap's value at each unknown, mean over the triangles around it.
@@ -140,7 +157,7 @@ impl System {
                 *count += 1.0;
             }
         }
-        sums.into_iter().map(|(sum, count)| sum / f64::max(count, 1.0)).collect()
+        sums.into_iter().map(|(sum, count)| mean(sum, count)).collect()
     }
 
     /// ∫ (f − x)² of each triangle, channels added.
@@ -155,6 +172,10 @@ impl System {
         let area = self.mass.iter().fold(0.0, |a, b| a + b);
         if light > 0.0 { (error / 3.0 * area).max(0.0).sqrt() / light } else { 0.0 }
     }
+}
+
+fn mean(sum: DVec3, weight: f64) -> DVec3 {
+    if weight > 0.0 { sum / weight } else { DVec3::ZERO }
 }
 
 impl Local {
