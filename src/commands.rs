@@ -58,6 +58,7 @@ pub(crate) fn bake(typed: cli::Bake) -> Outcome {
         input: typed.input,
         output: typed.output,
         settings,
+        usd: typed.usd,
         report: typed.report,
         depfile: typed.depfile,
         also_read,

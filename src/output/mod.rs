@@ -1,4 +1,4 @@
-//! What was baked → files: EXR pages, PNG previews, the glTF with its additions, report, depfile.
+//! What was baked → files: EXR pages, PNG previews, the glTF with its additions, USD layers, report, depfile.
 //!
 //! Nothing here writes to a file but [`atomic::commit`], which puts a whole set of files in place at once. The other
 //! functions return bytes, and the same bytes on every run and at any thread count.
@@ -11,6 +11,7 @@ pub mod names;
 pub mod png;
 pub mod report;
 pub mod splice;
+pub mod usd;
 
 use std::path::Path;
 use std::path::PathBuf;
