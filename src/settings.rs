@@ -5,11 +5,13 @@
 //! option names.
 
 mod choices;
+mod formats;
 
 pub use choices::{Aov, DirectMode, Preset, Quantity, SplatMode, Target, UvMode, VertexAttribute};
 
 use crate::atlas::Uv;
 use crate::base::Rgb;
+use crate::output::formats::Format;
 use crate::scene::Sky;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -40,6 +42,32 @@ pub struct Options {
     /// What a texel holds
     #[arg(long, value_enum, value_name = "QUANTITY", help_heading = "Lightmap")]
     pub quantity: Option<Quantity>,
+    /// Files for every page, with commas; the glTF names the first as the lightmap and lists all with their decoding
+    /// [default: exr]
+    #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',', help_heading = "Lightmap")]
+    pub format: Option<Vec<Format>>,
+    /// List the EXR among the glTF's images too, behind `EXT_texture_exr` (not a registered extension; Rust's gltf crate
+    /// refuses such files) [default: false]
+    #[arg(
+        long,
+        value_name = "BOOL",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "true",
+        help_heading = "Lightmap"
+    )]
+    pub exr_image: Option<bool>,
+    /// Write a second document, NAME.preview.gltf or .glb, that shows the EXR as unlit base colour; for Blender and other
+    /// loaders of EXR images that know no lightmaps [default: false]
+    #[arg(
+        long,
+        value_name = "BOOL",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "true",
+        help_heading = "Lightmap"
+    )]
+    pub preview_gltf: Option<bool>,
     /// Further layers for every page, in NAME.aov0.exr, with commas
     #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',', help_heading = "Lightmap")]
     pub aov: Option<Vec<Aov>>,
@@ -64,10 +92,10 @@ pub struct Options {
     /// Which attribute carries the light [default: lightmap]
     #[arg(long, value_enum, value_name = "NAME", help_heading = "Vertices")]
     pub vertex_attribute: Option<VertexAttribute>,
-    /// Light that a COLOR_0 of 1 stands for, in cd/m² [default: the largest there is]
+    /// Light that a `COLOR_0` of 1 stands for, in cd/m² [default: the largest there is]
     #[arg(long, value_name = "X", help_heading = "Vertices")]
     pub vertex_scale: Option<f32>,
-    /// Make materials unlit, so that any viewer shows base colour times COLOR_0 [default: false]
+    /// Make materials unlit, so that any viewer shows base colour times `COLOR_0` [default: false]
     #[arg(
         long,
         value_name = "BOOL",
@@ -167,6 +195,15 @@ pub struct Settings {
     pub uv: UvMode,
     /// What a texel holds.
     pub quantity: Quantity,
+    /// Files of every page, each once; the first is the lightmap of the glTF.
+    #[serde(skip_serializing_if = "formats::exr_alone")]
+    pub format: Vec<Format>,
+    /// The EXR is among the glTF's images.
+    #[serde(skip_serializing_if = "core::ops::Not::not")]
+    pub exr_image: bool,
+    /// A document that shows the EXR as base colour.
+    #[serde(skip_serializing_if = "core::ops::Not::not")]
+    pub preview_gltf: bool,
     /// Further layers, each once.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub aov: Vec<Aov>,
@@ -275,6 +312,9 @@ impl Options {
             padding,
             uv,
             quantity,
+            format,
+            exr_image,
+            preview_gltf,
             aov,
             light_groups,
             target,
@@ -322,6 +362,9 @@ impl Options {
             padding: within("--padding", self.padding.unwrap_or(2), 0, 64)?,
             uv: self.uv.unwrap_or(UvMode::Auto),
             quantity: self.quantity.unwrap_or(Quantity::Radiosity),
+            format: self.formats()?,
+            exr_image: self.exr_image.unwrap_or(false),
+            preview_gltf: self.preview_gltf.unwrap_or(false),
             aov: self.aov.iter().flatten().copied().collect::<BTreeSet<_>>().into_iter().collect(),
             light_groups: self.light_groups.unwrap_or(false),
             target: self.target.unwrap_or(Target::Lightmap),
@@ -379,7 +422,13 @@ impl Settings {
             ("--vertex-scale", self.vertex_scale.is_some()),
             ("--unlit", self.unlit),
         ];
-        let for_lightmaps = [("--aov", !self.aov.is_empty()), ("--light-groups", self.light_groups)];
+        let for_lightmaps = [
+            ("--aov", !self.aov.is_empty()),
+            ("--light-groups", self.light_groups),
+            ("--format", self.format != [Format::Exr]),
+            ("--exr-image", self.exr_image),
+            ("--preview-gltf", self.preview_gltf),
+        ];
         let (other, needed) = match self.target {
             Target::Lightmap => (for_vertices.as_slice(), "vertex"),
             Target::Vertex => (for_lightmaps.as_slice(), "lightmap"),

@@ -7,7 +7,9 @@
 #[path = "support/crosscheck_env.rs"]
 mod crosscheck_env;
 
-use crosscheck_env::{Bake, Fixture, bake, environment_python, fixture, fixtures, folder, root, texelwalk, text};
+use crosscheck_env::{
+    Bake, Fixture, bake, brighten_where, environment_python, fixture, fixtures, folder, root, texelwalk, text,
+};
 use glam::Vec2;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -71,17 +73,6 @@ fn read(path: &Path) -> Page {
     exr::prelude::read_first_rgba_layer_from_file(path, size, set).unwrap().layer_data.channel_data.pixels
 }
 
-/// Multiplies colours of a page in place where `which(column, row)` holds. The settings of the bake are lost.
-fn brighten(page: &Path, by: f32, which: impl Fn(usize, usize) -> bool + Sync) {
-    let rows = read(page);
-    let pixel = |x: usize, y: usize| {
-        let (r, g, b, a) = rows[y][x];
-        let by = if which(x, y) { by } else { 1.0 };
-        (r * by, g * by, b * by, a)
-    };
-    exr::prelude::write_rgba_file(page, rows[0].len(), rows.len(), pixel).unwrap();
-}
-
 #[test]
 #[ignore = "slow: Cycles on the CPU, a minute and a half"]
 fn verify_finds_every_fixture_right() {
@@ -109,7 +100,7 @@ fn verify_finds_every_fixture_right() {
 /// Whether the centre of each texel of page 0 lies in a triangle of the node.
 fn texels_of(gltf: &Path, node: &str, width: usize, height: usize) -> Vec<bool> {
     let scene = scene::load(gltf, &scene::Settings::default()).unwrap().output;
-    let lightmaps = Lightmaps::load(&scene.document).unwrap();
+    let lightmaps = Lightmaps::load(&scene).unwrap();
     let part = scene.parts.iter().find(|p| p.name == node).unwrap_or_else(|| panic!("no node {node}"));
     let corners: Vec<[Vec2; 3]> = part.triangles.clone().filter_map(|t| lightmaps.texels(&scene, t)).collect();
     let inside = |p: Vec2, [a, b, c]: &[Vec2; 3]| {
@@ -132,24 +123,24 @@ fn verify_names_what_is_wrong() {
         small_bake(fixture, &inside, options)
     };
     let all = fresh("all", &cornell, &[]);
-    brighten(&all.pages[0], 1.05, |_, _| true);
+    brighten_where(&all.pages[0], 1.05, |_, _| true);
     verify(&[text(&all.gltf), "--samples", "1"], 7, &["the lightmap as a whole is", "brighter than Cycles"]);
 
     let one = fresh("one", &cornell, &[]);
     let (width, height) = (read(&one.pages[0])[0].len(), read(&one.pages[0]).len());
     let block = texels_of(&one.gltf, "ShortBlock", width, height);
     assert!(block.iter().filter(|b| **b).count() > 50);
-    brighten(&one.pages[0], 1.2, |x, y| block[y * width + x]);
+    brighten_where(&one.pages[0], 1.2, |x, y| block[y * width + x]);
     verify(&[text(&one.gltf), "--samples", "1"], 7, &["object \"ShortBlock\" is", "brighter than Cycles"]);
 
     // The settings are gone with the header: without the sky on the command line, all is too bright.
     let sky = fresh("sky", &fixture("fence"), &[]);
-    brighten(&sky.pages[0], 1.0, |_, _| false);
+    brighten_where(&sky.pages[0], 1.0, |_, _| false);
     let dark = [&[text(&sky.gltf), "--samples", "1"][..], &COARSE].concat();
     verify(&dark, 7, &["as a whole", "brighter than Cycles"]);
     let options: Vec<&str> = sky.fixture.options.iter().map(String::as_str).collect();
     verify(&[&dark[..], &options].concat(), 0, &["they agree"]);
-    brighten(&sky.pages[0], f32::NAN, |x, y| x == 3 && y == 3);
+    brighten_where(&sky.pages[0], f32::NAN, |x, y| x == 3 && y == 3);
     verify(&[text(&sky.gltf)], 3, &["NaN"]);
     fs::remove_file(&sky.pages[0]).unwrap();
     verify(&[text(&sky.gltf)], 4, &["does not exist"]);
@@ -230,7 +221,7 @@ fn view_shows_what_render_shows() {
         assert_eq!(unlike(&dimmer, &theirs).len(), 2);
         if name == "office" {
             assert!(baked.pages.len() > 1, "64 texels a side should not be enough");
-            brighten(baked.pages.last().unwrap(), 0.0, |_, _| true);
+            brighten_where(baked.pages.last().unwrap(), 0.0, |_, _| true);
             assert!(!unlike(&ours, &views(&baked.gltf, "16").1).is_empty(), "a black page must show");
         }
     }
@@ -311,7 +302,7 @@ fn the_add_on_comes_works_and_goes() {
     };
     let (good, said) = run(&baked.gltf);
     assert!(good, "{said}");
-    brighten(&baked.pages[0], 1.1, |_, _| true);
+    brighten_where(&baked.pages[0], 1.1, |_, _| true);
     let (good, said) = run(&baked.gltf);
     assert!(!good && said.contains("they differ"), "{said}");
 }

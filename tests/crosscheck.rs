@@ -8,9 +8,8 @@
 #[path = "support/crosscheck_env.rs"]
 mod crosscheck_env;
 
-use crosscheck_env::{Bake, accepts, bake, density, fixture, fixtures, folder, rejects, text};
+use crosscheck_env::{Bake, accepts, bake, brighten, density, fixture, fixtures, folder, rejects, text};
 use std::fs;
-use std::path::Path;
 use std::sync::OnceLock;
 
 /// Every fixture, baked once for all tests of this file.
@@ -177,20 +176,4 @@ fn parity_check_rejects_a_lightmap_that_is_five_percent_too_bright() {
         brighten(page, 1.05);
     }
     rejects("checks/parity.py", &[text(&baked.gltf), "--samples", "1"], "mean ratio");
-}
-
-/// Multiplies the colours of a page in place.
-fn brighten(page: &Path, by: f32) {
-    let read = exr::prelude::read_first_rgba_layer_from_file(
-        page,
-        |size, _| vec![vec![(0.0f32, 0.0f32, 0.0f32, 0.0f32); size.width()]; size.height()],
-        |rows: &mut Vec<Vec<(f32, f32, f32, f32)>>, at, pixel: (f32, f32, f32, f32)| rows[at.y()][at.x()] = pixel,
-    )
-    .unwrap();
-    let rows = read.layer_data.channel_data.pixels;
-    let pixel = |x: usize, y: usize| {
-        let (r, g, b, a) = rows[y][x];
-        (r * by, g * by, b * by, a)
-    };
-    exr::prelude::write_rgba_file(page, rows[0].len(), rows.len(), pixel).unwrap();
 }

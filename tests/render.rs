@@ -204,7 +204,7 @@ fn a_document_on_disk_with_its_pages() {
         }
         output::atomic::commit(&written, &[path], &|| false).unwrap();
         let baked = scene::load(&output, &scene::Settings::default()).unwrap().output;
-        let lightmaps = Lightmaps::load(&baked.document).unwrap();
+        let lightmaps = Lightmaps::load(&baked).unwrap();
         let charted = atlas.parts.iter().flat_map(|p| &p.chart).filter(|c| **c != NO_CHART).count();
         let mapped = (0..baked.triangles.len() as u32).filter(|&t| lightmaps.texels(&baked, t).is_some()).count();
         assert_eq!(charted, mapped, "{name}");
@@ -226,6 +226,6 @@ fn a_document_on_disk_with_its_pages() {
             assert!(lit * 5 > picture.pixels.len(), "{name}, {suffix}: too little is to be seen");
         }
         std::fs::remove_file(&files[0].exr).unwrap();
-        assert!(Lightmaps::load(&baked.document).unwrap_err().to_string().contains("lightmap0.exr"));
+        assert!(Lightmaps::load(&baked).unwrap_err().to_string().contains("lightmap0.exr"));
     }
 }

@@ -94,7 +94,7 @@ fn parts_that_abut_have_one_value_where_they_meet() {
     // The border of the second part is off by what transforms round.
     scene.vertices.position[3 * half as usize..].iter_mut().for_each(|p| *p += Vec3::splat(4e-6));
     for subdivide in [None, Some(0.02)] {
-        let light = fitted(&scene, 16.0, subdivide, |p| Rgb::splat(1.0 + (3.0 * (p.x + p.y + p.z)).sin()));
+        let light = fitted(&scene, 16.0, subdivide, |p| Rgb::splat(1.0 + libm::sinf(3.0 * (p.x + p.y + p.z))));
         let [a, b] = [0, 1].map(|part| vertices(&scene, &light, part));
         let mut met = 0;
         for (p, value) in &a {
@@ -136,7 +136,7 @@ fn cut_triangles_fit_better_and_leave_no_vertex_on_an_edge() {
 #[test]
 fn what_cannot_be_reached_is_said() {
     let scene = scene_from_triangles(&place(&floor(1), skew(), 1.0, DVec3::ZERO));
-    let light = fitted(&scene, 4.0, Some(1e-6), |p| Rgb::splat(if (p.x * 3.0).sin() > 0.2 { 1.0 } else { 0.0 }));
+    let light = fitted(&scene, 4.0, Some(1e-6), |p| Rgb::splat(if libm::sinf(p.x * 3.0) > 0.2 { 1.0 } else { 0.0 }));
     assert!(!light.fit.reached && light.fit.triangles > 2 && light.fit.triangles < 600, "{:?}", light.fit);
     let dark = fitted(&scene, 4.0, Some(0.1), |_| Rgb::ZERO);
     assert!(dark.fit.reached && dark.fit.error == 0.0 && dark.parts[0].values.iter().all(|v| *v == Rgb::ZERO));
@@ -145,7 +145,7 @@ fn what_cannot_be_reached_is_said() {
 #[test]
 fn the_same_bits_at_any_number_of_threads() {
     let scene = load("cornell/cornell.gltf");
-    let wave = |p: Vec3| Rgb::new(1.0 + (5.0 * p.x).sin(), (p.y * p.z).abs(), if p.z > 0.1 { 1.0 } else { 0.0 });
+    let wave = |p: Vec3| Rgb::new(1.0 + libm::sinf(5.0 * p.x), (p.y * p.z).abs(), if p.z > 0.1 { 1.0 } else { 0.0 });
     let fit_with = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| fitted(&scene, 20.0, Some(0.1), wave))
@@ -160,7 +160,8 @@ fn the_same_bits_at_any_number_of_threads() {
 fn two_hundred_thousand_vertices_take_seconds() {
     let scene = scene_from_triangles(&place(&floor(448), skew(), 1.0, DVec3::ZERO));
     let stage = Stage::new(&scene, 256.0);
-    let lightmap = painted(&stage, |p| Rgb::new(1.0 + (9.0 * p.x).sin(), if p.z > 0.1 { 1.0 } else { 0.0 }, p.y.abs()));
+    let lightmap =
+        painted(&stage, |p| Rgb::new(1.0 + libm::sinf(9.0 * p.x), if p.z > 0.1 { 1.0 } else { 0.0 }, p.y.abs()));
     let start = std::time::Instant::now();
     let how = Settings::default();
     let light = fit(&scene, &stage.atlas, &stage.patches, &lightmap, &how, &Progress::default());
@@ -176,7 +177,7 @@ fn two_hundred_thousand_vertices_take_seconds() {
 #[test]
 fn better_than_looking_at_the_vertices_or_averaging() {
     let scene = scene_from_triangles(&place(&floor(12), skew(), 1.0, DVec3::ZERO));
-    let bump = |p: Vec3| Rgb::splat(1.0 + (2.0 * p.x).sin() * (1.7 * p.z + 0.3).cos());
+    let bump = |p: Vec3| Rgb::splat(1.0 + libm::sinf(2.0 * p.x) * libm::cosf(1.7 * p.z + 0.3));
     let fit = fitted(&scene, 32.0, None, bump).fit;
     assert!(fit.error < 0.6 * fit.error_sampled && fit.error < 0.6 * fit.error_averaged, "{fit:?}");
 }

@@ -27,7 +27,7 @@ NODE = ROOT / "target" / "crosscheck-node"
 LOCK = ROOT / "target" / "crosscheck.lock"
 # Python versions for which Blender's module is published, as listed in requirements.txt.
 PYTHON_VERSIONS = ((3, 11), (3, 13))
-NODE_PACKAGES = ("gltf-validator@2.0.0-dev.3.10",)
+NODE_PACKAGES = ("gltf-validator@2.0.0-dev.3.10", "ktx-parse@2.0.0")
 INSTALL_TIMEOUT_SECONDS = 1500
 
 

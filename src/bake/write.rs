@@ -5,7 +5,7 @@ use super::{Error, Outcome, Request, Solution};
 use crate::atlas::Atlas;
 use crate::base::Warning;
 use crate::finish::Lightmap;
-use crate::output::{atomic, depfile, exr, gltf, names, png, report, usd};
+use crate::output::{atomic, depfile, exr, formats, gltf, names, png, report, usd};
 use crate::patches::Patches;
 use crate::scene::Scene;
 use crate::settings::{Quantity, Settings, VertexAttribute};
@@ -102,19 +102,20 @@ impl Facts<'_> {
     fn encode_pages(&self, results: &Results) -> Result<(Vec<File>, Vec<Warning>), Error> {
         let settings = &self.request.settings;
         let document = names::document_path(&self.request.input, &self.request.output);
-        let names = names::page_files(&document, self.atlas.pages);
+        let plan = formats::Plan::new(&settings.format, settings.padding, &results.lightmap);
+        let mut names = names::page_files(&document, self.atlas.pages);
+        plan.name(&mut names, settings.exr_image);
         let attributes = attributes(settings);
         let mut files: Vec<File> = vec![];
         for (page, name) in results.lightmap.pages.iter().zip(&names) {
-            files.push((name.exr.clone(), exr::lightmap(&name.exr, page, &attributes)?));
+            files.extend(plan.encode(&name.exr, page, &attributes)?);
             files.push((name.png.clone(), png::preview(&name.png, page)?));
         }
         for (paths, (name, map)) in self.group_paths(results).into_iter().zip(&results.groups) {
             let mut attributes = attributes.clone();
             attributes.insert("texelwalk.light_group".to_owned(), name.clone());
             for (path, page) in paths.into_iter().zip(&map.pages) {
-                let bytes = exr::lightmap(&path, page, &attributes)?;
-                files.push((path, bytes));
+                files.extend(plan.encode(&path, page, &attributes)?);
             }
         }
         for ((k, layers), page) in (0..).zip(&results.aovs).zip(&results.lightmap.pages) {
@@ -128,6 +129,9 @@ impl Facts<'_> {
         let how = gltf_settings(settings, document);
         let written = gltf::write_gltf(self.scene, self.atlas, &names, &how)?;
         files.extend(written.output);
+        if settings.preview_gltf {
+            files.extend(files.last().map(|(path, bytes)| gltf::preview(path, bytes)).transpose()?);
+        }
         Ok((files, written.warnings))
     }
 
@@ -139,7 +143,7 @@ impl Facts<'_> {
         Ok(usd::write_usd(self.scene, light, &how)?)
     }
 
-    /// Files of each group.
+    /// EXR files of each group, by page; files of other formats lie beside them.
     fn group_paths(&self, results: &Results) -> Vec<Vec<PathBuf>> {
         let document = names::document_path(&self.request.input, &self.request.output);
         let words = names::words(results.groups.iter().map(|(name, _)| name.as_str()));
@@ -150,9 +154,11 @@ impl Facts<'_> {
     }
 
     fn group_files(&self, results: &Results) -> Vec<report::LightGroup> {
+        let in_all_formats =
+            |page: &PathBuf| self.request.settings.format.iter().map(|f| f.path(page)).collect::<Vec<_>>();
         let one = |(paths, (name, _)): (Vec<PathBuf>, &(String, Lightmap))| report::LightGroup {
             name: name.clone(),
-            files: paths.iter().map(|p| p.display().to_string()).collect(),
+            files: paths.iter().flat_map(in_all_formats).map(|p| p.display().to_string()).collect(),
         };
         self.group_paths(results).into_iter().zip(&results.groups).map(one).collect()
     }

@@ -1,11 +1,17 @@
 //! What was baked → files: EXR pages, PNG previews, the glTF with its additions, USD layers, report, depfile.
 //!
+//! The EXR is the lightmap; [`formats`] are copies of its half floats for engines that load something else. What they
+//! need to be decoded (formula, scale) is in the manifest beside each URI, so a reader never has to guess from a file
+//! name. A document names one file as *the* page, so that readers that know a single URI keep working, and lists all of
+//! them only where there is more than the plain EXR.
+//!
 //! Nothing here writes to a file but [`atomic::commit`], which puts a whole set of files in place at once. The other
 //! functions return bytes, and the same bytes on every run and at any thread count.
 
 pub mod atomic;
 pub mod depfile;
 pub mod exr;
+pub mod formats;
 pub mod gltf;
 pub mod names;
 pub mod png;

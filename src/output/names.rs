@@ -4,6 +4,7 @@
 //! that the input already had keeps its spelling; when the output lies in another folder it only gets a prefix.
 
 use super::Error;
+use super::formats::PageFile;
 use std::fmt::Write;
 use std::path::Component;
 use std::path::Path;
@@ -13,12 +14,14 @@ use std::path::PathBuf;
 const MOST_LETTERS: usize = 64;
 
 /// Where the files of one lightmap page go.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct PageFiles {
     /// The lightmap itself.
     pub exr: PathBuf,
     /// Its preview, for readers that know no EXR.
     pub png: PathBuf,
+    /// Its files in all formats, the one that readers shall take first; empty if the EXR is the only one.
+    pub files: Vec<PageFile>,
 }
 
 /// The glTF file that `-o` asks for: `output` itself, or the input's name in it if it is a folder (it exists, or ends
@@ -46,6 +49,7 @@ pub fn page_files(document: &Path, pages: u32) -> Vec<PageFiles> {
         .map(|k| PageFiles {
             exr: beside(document, &format!("lightmap{k}.exr")),
             png: beside(document, &format!("lightmap{k}.png")),
+            files: vec![],
         })
         .collect()
 }

@@ -1,15 +1,15 @@
 //! The lightmaps of a baked document, as its materials refer to them.
 //!
-//! A material's `MOZ_lightmap` names a texture, whose `extras.lightmap.uri` is the EXR page; texel × `intensity` is
-//! irradiance. The PNG of the texture is not used: it is clamped. Light at vertices is the attribute `_LIGHTMAP` of a
-//! primitive, in the quantity that `extras.lightmap` of its scene names.
+//! A material's `MOZ_lightmap` names a texture, whose `extras.lightmap.uri` is the page, an EXR unless `files` beside it
+//! lists formats; then the most exact one is read. Texel × `intensity` is irradiance. The PNG of the texture is not
+//! used: it is clamped. Light at vertices is the attribute `_LIGHTMAP` of a primitive, in the quantity that
+//! `extras.lightmap` of its scene names.
 
 use crate::base::Rgb;
 use crate::base::bilinear::bilinear;
 use crate::output::Error;
-use crate::output::exr;
 use crate::output::exr::ImageF32;
-use crate::output::names::local_path;
+use crate::output::formats;
 use crate::output::splice::Element;
 use crate::scene::Document;
 use crate::scene::Scene;
@@ -84,14 +84,14 @@ impl Lightmaps {
             let page = match by_texture.get(&texture) {
                 Some(&page) => page,
                 None => {
-                    let uri = textures.get(texture).and_then(|t| t.find(&["extras", "lightmap", "uri"])?.string());
-                    let path = uri.and_then(|uri| local_path(&document.path, &uri)).ok_or_else(|| {
+                    let named = textures.get(texture).and_then(|t| t.find(&["extras", "lightmap"]));
+                    let (path, coding) = named.and_then(|named| formats::most_exact(&document.path, &named)).ok_or_else(|| {
                         fail(format!(
                             "the lightmap of material {m} names no EXR file; bake the document with texelwalk, or put its \
                              URI into extras.lightmap.uri of texture {texture}"
                         ))
                     })?;
-                    out.pages.push(exr::read_rgba(&path)?);
+                    out.pages.push(formats::read(&path, coding)?);
                     by_texture.insert(texture, out.pages.len() - 1);
                     out.pages.len() - 1
                 }

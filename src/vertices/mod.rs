@@ -3,8 +3,8 @@
 //! In: scene, atlas, patches and the lightmap pages on them. Out: a value for every vertex of the parts that receive
 //! light, in the unit of the pages; with [`Settings::subdivide`] also further vertices and triangles.
 //!
-//! Source: L. Kavan, A. W. Bargteil, P.-P. Sloan, "Least Squares Vertex Baking", EGSR 2011: with φ_i the hat function of
-//! vertex i and f the light, x minimises ∫ (f − Σ x_i φ_i)² over the surface plus a regulariser. Where we differ:
+//! Source: L. Kavan, A. W. Bargteil, P.-P. Sloan, "Least Squares Vertex Baking", EGSR 2011: with φᵢ the hat function of
+//! vertex i and f the light, x minimises ∫ (f − Σ xᵢ φᵢ)² over the surface plus a regulariser. Where we differ:
 //! * f is the lightmap as a renderer shows it, bilinear over the texels, and the integrals are sums over the pieces of
 //!   triangles in texels (`quadrature`); the paper draws random points.
 //! * Surface that lies inside other solids has no weight; where a triangle is hidden, its vertices go along with their

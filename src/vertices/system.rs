@@ -3,7 +3,7 @@
 //! In: mesh and field. Out: a sparse symmetric matrix by rows, its right-hand side, and the integrals of each triangle
 //! that tell the error of a solution without looking at a texel again.
 //!
-//! Symbols: M = ∫ φ_i φ_j over what is exposed, b = ∫ f φ_i, x values at the unknowns. The matrix is M, the hinges of
+//! Symbols: M = ∫ φᵢ φⱼ over what is exposed, b = ∫ f φᵢ, x values at the unknowns. The matrix is M, the hinges of
 //! [`bend`](super::bend), and for triangles of which a part h of the area A is hidden a pull [`FILL`] h²/A between their
 //! corners: without it, nothing would say what a vertex inside a solid holds.
 //!
@@ -24,16 +24,18 @@ const FILL: f64 = 0.01;
 /// Integrals over one triangle.
 #[derive(Debug, Clone, Copy, Default)]
 struct Local {
-    /// ∫ φ_j φ_k for (0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2) [m²].
+    /// ∫ φⱼ φₖ for (0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2) [m²].
     mass: [f64; 6],
-    /// ∫ f φ_k.
+    /// ∫ f φₖ.
     load: [DVec3; 3],
     /// ∫ f².
     square: DVec3,
 }
 
 /// Index into [`Local::mass`].
-const PAIR: [[usize; 3]; 3] = [[0, 1, 2], [1, 3, 4], [2, 4, 5]];
+const fn pair(j: usize, k: usize) -> usize {
+    [[0, 1, 2], [1, 3, 4], [2, 4, 5]][j][k]
+}
 
 /// The equations.
 pub(super) struct System {
@@ -47,7 +49,7 @@ pub(super) struct System {
     entries: Vec<f64>,
     pub(super) diagonal: Vec<f64>,
     pub(super) load: Vec<DVec3>,
-    /// ∫ φ_i [m²].
+    /// ∫ φᵢ [m²].
     mass: Vec<f64>,
 }
 
@@ -63,7 +65,7 @@ impl System {
         let mut system = Self {
             load: parallel::map_light(count, |i| around.of(i).fold(DVec3::ZERO, |sum, (e, k)| sum + locals[e].load[k])),
             mass: parallel::map_light(count, |i| {
-                around.of(i).fold(0.0, |sum, (e, k)| sum + (0..3).fold(0.0, |s, j| s + locals[e].mass[PAIR[k][j]]))
+                around.of(i).fold(0.0, |sum, (e, k)| sum + (0..3).fold(0.0, |s, j| s + locals[e].mass[pair(k, j)]))
             }),
             unknown,
             corners,
@@ -95,7 +97,7 @@ impl System {
             let pull = pull(&mesh.elements[e], local);
             for j in 0..3 {
                 let fill = if j == k { 2.0 * pull } else { -pull };
-                terms.push((self.corners[e][j], local.mass[PAIR[k][j]] + fill));
+                terms.push((self.corners[e][j], local.mass[pair(k, j)] + fill));
             }
         }
         for (h, k) in hinged.of(i) {
@@ -161,7 +163,7 @@ impl Local {
         for k in 0..3 {
             sum -= 2.0 * x[k] * self.load[k];
             for j in 0..3 {
-                sum += x[k] * x[j] * self.mass[PAIR[k][j]];
+                sum += x[k] * x[j] * self.mass[pair(k, j)];
             }
         }
         sum.element_sum().max(0.0)
@@ -180,7 +182,7 @@ fn integrals(element: &Element, field: &Field<'_>) -> Local {
         for k in 0..3 {
             local.load[k] += point.light * (point.area * point.hats[k]);
             for j in k..3 {
-                local.mass[PAIR[k][j]] += point.area * point.hats[k] * point.hats[j];
+                local.mass[pair(k, j)] += point.area * point.hats[k] * point.hats[j];
             }
         }
         local.square += point.light * point.light * point.area;
@@ -188,7 +190,7 @@ fn integrals(element: &Element, field: &Field<'_>) -> Local {
     local
 }
 
-/// Weight of (x_j − x_k)² for the corners of a triangle that is partly hidden.
+/// Weight of (xⱼ − xₖ)² for the corners of a triangle that is partly hidden.
 fn pull(element: &Element, local: &Local) -> f64 {
     let hidden = (element.area - local.area()).max(0.0);
     if element.area > 0.0 { FILL * hidden * hidden / element.area } else { 0.0 }

@@ -6,6 +6,8 @@
 //! * a texture per page, whose core image is the PNG preview and whose `extras.lightmap.uri` is the EXR, because a
 //!   texture without a core image, or an EXR among the images, makes loaders refuse the file;
 //! * `extras.lightmap` on the scenes that show baked nodes: a manifest of the pages;
+//! * with formats other than the plain EXR, `files` beside each of these URIs (see `formats`); with `--exr-image` the EXR
+//!   among the images, too, behind `EXT_texture_exr` of the texture;
 //! * a mesh per baked node that shares every accessor but its lightmap coordinates (`mesh`);
 //! * `TEXCOORD_0` of zeros where there is none, since numbered attributes must not leave gaps.
 //!
@@ -22,8 +24,10 @@ mod interpolate;
 mod material;
 mod mesh;
 mod plan;
+mod preview;
 mod vertex;
 
+pub use preview::preview;
 pub use vertex::Attributes;
 pub use vertex::VertexSettings;
 pub use vertex::write_vertex_gltf;
@@ -159,17 +163,36 @@ fn place_meshes<B>(
     splice.append_at(root, "meshes", added)
 }
 
-/// URIs of a page's files from the document's folder, and the page's name.
+/// How the document refers to a page.
+struct PageUri {
+    name: String,
+    /// The lightmap.
+    uri: String,
+    png: String,
+    /// `, "files": […]`, or nothing.
+    files: String,
+    /// The EXR, if it is to be among the images.
+    image: Option<String>,
+}
+
+/// URIs of the pages' files from the document's folder.
 struct PageUris {
-    pages: Vec<(String, String, String)>,
+    pages: Vec<PageUri>,
 }
 
 impl PageUris {
     fn new(pages: &[PageFiles], settings: &Settings) -> Result<Self, Error> {
         let folder = parent(&settings.output);
         let page = |page: &PageFiles| {
-            let name = page.exr.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            Ok((relative_uri(folder, &page.exr)?, relative_uri(folder, &page.png)?, name))
+            let files: Vec<String> = page.files.iter().map(|f| f.json(folder)).collect::<Result<_, Error>>()?;
+            let image = page.files.iter().find(|f| f.image).map(|f| relative_uri(folder, &f.path)).transpose()?;
+            Ok(PageUri {
+                name: page.exr.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
+                uri: relative_uri(folder, page.files.first().map_or(&page.exr, |f| &f.path))?,
+                png: relative_uri(folder, &page.png)?,
+                files: if files.is_empty() { String::new() } else { format!(", \"files\": [{}]", files.join(", ")) },
+                image,
+            })
         };
         Ok(Self { pages: pages.iter().map(page).collect::<Result<_, Error>>()? })
     }
@@ -179,13 +202,19 @@ impl PageUris {
 fn textures(splice: &mut Splice<'_>, root: &Element<'_>, uris: &PageUris) -> Result<(), Fault> {
     let (sampler, first_image) = (root.array("samplers").len(), root.array("images").len());
     let (mut images, mut textures) = (Vec::new(), Vec::new());
-    for (i, (exr, png, name)) in uris.pages.iter().enumerate() {
+    for PageUri { name, uri, png, files, image } in &uris.pages {
+        let source = first_image + images.len();
         images.push(format!("{{\"name\": {}, \"uri\": {}}}", quoted(&format!("{name}.preview")), quoted(png)));
+        let mut extension = String::new();
+        if let Some(exr) = image {
+            extension = format!("\"extensions\": {{\"EXT_texture_exr\": {{\"source\": {}}}}}, ", source + 1);
+            let (name, exr) = (quoted(name), quoted(exr));
+            images.push(format!("{{\"name\": {name}, \"uri\": {exr}, \"mimeType\": \"image/x-exr\"}}"));
+        }
         textures.push(format!(
-            "{{\"name\": {}, \"sampler\": {sampler}, \"source\": {}, \"extras\": {{\"lightmap\": {{\"uri\": {}}}}}}}",
+            "{{\"name\": {}, \"sampler\": {sampler}, \"source\": {source}, {extension}\"extras\": {{\"lightmap\": {{\"uri\": {}{files}}}}}}}",
             quoted(name),
-            first_image + i,
-            quoted(exr)
+            quoted(uri)
         ));
     }
     // LINEAR for minification too: mip levels would mix charts. CLAMP_TO_EDGE in both directions.
@@ -193,22 +222,22 @@ fn textures(splice: &mut Splice<'_>, root: &Element<'_>, uris: &PageUris) -> Res
     splice.append_at(root, "samplers", vec![linear.to_owned()])?;
     splice.append_at(root, "images", images)?;
     splice.append_at(root, "textures", textures)?;
-    declare(splice, root, "MOZ_lightmap")
+    let exr_image = uris.pages.iter().any(|p| p.image.is_some());
+    declare(splice, root, if exr_image { &["MOZ_lightmap", "EXT_texture_exr"] } else { &["MOZ_lightmap"] })
 }
 
-/// Names an extension in `extensionsUsed`.
-fn declare(splice: &mut Splice<'_>, root: &Element<'_>, extension: &str) -> Result<(), Fault> {
-    if root.array("extensionsUsed").iter().any(|e| e.string().as_deref() == Some(extension)) {
-        return Ok(());
-    }
-    splice.append_at(root, "extensionsUsed", vec![quoted(extension)])
+/// Names extensions in `extensionsUsed`.
+fn declare(splice: &mut Splice<'_>, root: &Element<'_>, extensions: &[&str]) -> Result<(), Fault> {
+    let known: Vec<String> = root.array("extensionsUsed").iter().filter_map(Element::string).collect();
+    let new: Vec<String> = extensions.iter().filter(|e| !known.iter().any(|k| k == *e)).map(|e| quoted(e)).collect();
+    if new.is_empty() { Ok(()) } else { splice.append_at(root, "extensionsUsed", new) }
 }
 
 fn manifest(atlas: &Atlas, uris: &PageUris, first_texture: usize, quantity: Quantity) -> String {
     let [width, height] = atlas.page_size;
-    let page = |(i, (exr, _, _)): (usize, &(String, String, String))| {
-        let (uri, texture) = (quoted(exr), first_texture + i);
-        format!("{{\"uri\": {uri}, \"texture\": {texture}, \"width\": {width}, \"height\": {height}}}")
+    let page = |(i, page): (usize, &PageUri)| {
+        let (uri, texture, files) = (quoted(&page.uri), first_texture + i, &page.files);
+        format!("{{\"uri\": {uri}, \"texture\": {texture}, \"width\": {width}, \"height\": {height}{files}}}")
     };
     let pages: Vec<String> = uris.pages.iter().enumerate().map(page).collect();
     format!(

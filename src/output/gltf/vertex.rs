@@ -109,7 +109,7 @@ pub fn write_vertex_gltf(
         manifests(&mut splice, &root, &elements, &instances, &manifest, &mut warnings).map_err(fault)?;
         if settings.unlit {
             materials.write(&mut splice, &root, |text, _| unlit(text)).map_err(fault)?;
-            super::declare(&mut splice, &root, "KHR_materials_unlit").map_err(fault)?;
+            super::declare(&mut splice, &root, &["KHR_materials_unlit"]).map_err(fault)?;
         }
     }
     super::generator(&mut splice, &root, &settings.common.generator).map_err(fault)?;
