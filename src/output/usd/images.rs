@@ -15,6 +15,7 @@ use image::codecs::png::CompressionType;
 use image::codecs::png::FilterType;
 use image::codecs::png::PngEncoder;
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 use std::path::Path;
 use std::path::PathBuf;
 
@@ -39,11 +40,14 @@ impl Images {
                 let Some(image) = entry.source.or(entry.extensions.webp.as_ref().and_then(|w| w.source)) else {
                     continue;
                 };
-                if !done.contains_key(&image) {
-                    let path = images.place(scene, image, &scene.textures[texture], layer)?;
-                    done.insert(image, path);
-                }
-                images.path.insert(texture, done[&image].clone());
+                let path = match done.entry(image) {
+                    Entry::Occupied(known) => known.get().clone(),
+                    Entry::Vacant(new) => {
+                        let path = images.place(scene, image, &scene.textures[texture], layer)?;
+                        new.insert(path).clone()
+                    }
+                };
+                images.path.insert(texture, path);
             }
         }
         Ok(images)

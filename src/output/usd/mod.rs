@@ -16,8 +16,8 @@
 //! * vertices: `primvars:texelwalk:light`, and `primvars:displayColor` = light as E/π times vertex colour.
 //!
 //! `UsdPreviewSurface` has no input for light and cannot multiply. So only `room.usda` shows it, as emission: the
-//! lightmap times base colour factor × (1 − metallic) plus emission. That is the radiance of diffuse surfaces without
-//! textures; with a texture, its picture is missing. Light at vertices is shown without base colour.
+//! lightmap times base colour × (1 − metallic) plus emission. That is the radiance of diffuse surfaces without
+//! textures; of a texture it takes the mean. Light at vertices is shown without base colour.
 //!
 //! Known limits: no cameras, no lights, no animations, no variants; no normal and occlusion maps; vertex colours are data
 //! that materials do not read. With cut triangles the overlay fits our geometry layer only. Skinned and morphed meshes

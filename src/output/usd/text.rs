@@ -57,15 +57,18 @@ impl Text {
 
     /// An attribute that is a list, with metadata.
     pub(super) fn list(&mut self, name: &str, values: impl Iterator<Item = String>, metadata: &str) {
-        let values: Vec<String> = values.collect();
+        let mut values = values.peekable();
         let after = if metadata.is_empty() { String::new() } else { format!(" ({metadata})") };
-        if values.len() <= PER_LINE {
-            return self.line(format!("{name} = [{}]{after}", values.join(", ")));
+        let first: Vec<String> = values.by_ref().take(PER_LINE).collect();
+        if values.peek().is_none() {
+            return self.line(format!("{name} = [{}]{after}", first.join(", ")));
         }
         self.line(format!("{name} = ["));
         self.depth += 1;
-        for (i, row) in values.chunks(PER_LINE).enumerate() {
-            let comma = if (i + 1) * PER_LINE < values.len() { "," } else { "" };
+        self.line(format!("{},", first.join(", ")));
+        while values.peek().is_some() {
+            let row: Vec<String> = values.by_ref().take(PER_LINE).collect();
+            let comma = if values.peek().is_some() { "," } else { "" };
             self.line(format!("{}{comma}", row.join(", ")));
         }
         self.depth -= 1;

@@ -6,10 +6,14 @@ use super::paths::BAKED;
 use super::text::Text;
 use super::text::tuple;
 use crate::base::Rgb;
+use crate::base::color::srgb_to_linear;
 use crate::output::Error;
 use crate::output::gltf::Quantity;
 use crate::scene::Material;
+use crate::scene::Scene;
+use crate::scene::TextureRef;
 use core::f32::consts::FRAC_1_PI;
+use glam::DVec3;
 use std::path::Path;
 
 /// The layer; `below` are its sublayers, the strongest first.
@@ -37,7 +41,7 @@ fn material(bake: &Bake<'_>, text: &mut Text, baked: Baked) {
     }
     text.prim(&format!("over \"{name}\""), &[], |text| {
         if baked.1.is_some() {
-            let reflected = reflectance(source) * radiosity(bake.settings.quantity);
+            let reflected = reflectance(bake.scene, source) * radiosity(bake.settings.quantity);
             text.prim("over \"Lightmap\"", &[], |text| {
                 text.line(format!("float4 inputs:bias = {}", tuple(&source.emission.extend(0.0).to_array())));
                 text.line(format!("float4 inputs:scale = {}", tuple(&reflected.extend(1.0).to_array())));
@@ -50,16 +54,33 @@ fn material(bake: &Bake<'_>, text: &mut Text, baked: Baked) {
                 text.line("color3f inputs:diffuseColor.connect = None");
             }
             text.line(format!("color3f inputs:emissiveColor.connect = <{path}/{output}>"));
+            // Blender reads no specular colour, but reflects nothing either if light is not refracted.
+            text.line("float inputs:ior = 1");
+            text.line("float inputs:metallic = 0");
+            if source.metallic_texture.is_some() {
+                text.line("float inputs:metallic.connect = None");
+            }
             text.line("color3f inputs:specularColor = (0, 0, 0)");
             text.line("int inputs:useSpecularWorkflow = 1");
         });
     });
 }
 
-/// Diffuse reflectance as far as it has no texture.
-fn reflectance(material: &Material) -> Rgb {
-    let metallic = if material.metallic_texture.is_some() { 0.0 } else { material.metallic };
-    material.base_color.truncate() * (1.0 - metallic)
+/// Mean diffuse reflectance: factors times the means of the textures.
+fn reflectance(scene: &Scene, material: &Material) -> Rgb {
+    let pixels = |texture: &TextureRef| scene.textures[texture.texture].pixels.as_slice();
+    let color = material.base_color_texture.as_ref().map_or(Rgb::ONE, |t| mean(pixels(t), srgb_to_linear));
+    let metal = material.metallic_texture.as_ref().map_or(1.0, |t| mean(pixels(t), |stored| stored).z);
+    material.base_color.truncate() * color * (1.0 - material.metallic * metal)
+}
+
+/// Mean colour of decoded pixels.
+fn mean(pixels: &[[u8; 4]], decode: impl Fn(f32) -> f32) -> Rgb {
+    let decoded: Vec<f64> = (0..=255u8).map(|stored| f64::from(decode(f32::from(stored) / 255.0))).collect();
+    let add = |sum: DVec3, p: &[u8; 4]| {
+        sum + DVec3::new(decoded[p[0] as usize], decoded[p[1] as usize], decoded[p[2] as usize])
+    };
+    (pixels.iter().fold(DVec3::ZERO, add) / (pixels.len() as f64).max(1.0)).as_vec3()
 }
 
 /// Factor from what is stored to E/π.
