@@ -52,7 +52,7 @@ fn mesh(bake: &Bake<'_>, text: &mut Text, p: usize) {
         ),
     ];
     let shape = Shape::new(bake, p);
-    text.prim(&format!("def Mesh \"primitive{}\"", part.primitive), &metadata, |text| {
+    text.prim(&format!("def Mesh \"{}\"", bake.paths.mesh(part)), &metadata, |text| {
         let material = &bake.scene.materials[part.material];
         let points = shape.attribute(&bake.scene.vertices.position);
         let low = points.iter().copied().fold(Vec3::INFINITY, Vec3::min);

@@ -17,7 +17,8 @@
 //!
 //! `UsdPreviewSurface` has no input for light and cannot multiply. So only `room.usda` shows it, as emission: the
 //! lightmap times base colour × (1 − metallic) plus emission. That is the radiance of diffuse surfaces without
-//! textures; of a texture it takes the mean. Light at vertices is shown without base colour.
+//! textures; of a texture it takes the mean. Light at vertices is shown without base colour. What has a
+//! texture of emission shows that and no light; at vertices so does all that glows.
 //!
 //! Known limits: no cameras, no lights, no animations, no variants; no normal and occlusion maps; vertex colours are data
 //! that materials do not read. With cut triangles the overlay fits our geometry layer only. Skinned and morphed meshes

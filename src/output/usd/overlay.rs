@@ -91,7 +91,7 @@ fn mesh(bake: &Bake<'_>, text: &mut Text, p: usize) -> Result<(), Error> {
     if different.len() < 2 {
         metadata.push(BINDABLE.to_owned());
     }
-    text.prim(&format!("over \"primitive{}\"", part.primitive), &metadata, |text| {
+    text.prim(&format!("over \"{}\"", bake.paths.mesh(part)), &metadata, |text| {
         if let Light::Pages(atlas, _) = bake.light {
             corners(bake, text, p, atlas);
         } else {

@@ -1,6 +1,6 @@
 //! Where prims are: a unique path for every node, primitive and material of the document.
 //!
-//! * `/World/NODE/primitiveK` is primitive K as node NODE places it;
+//! * `/World/NODE/NODE_K` is primitive K as node NODE places it;
 //! * `/World/Materials/MATERIAL` is a material, `/World/BakedMaterials/MATERIAL_pageP` the one that also has page P,
 //!   `/World/BakedMaterials/MATERIAL_vertices` the one that also has light at vertices.
 //!
@@ -8,6 +8,7 @@
 //! know no others. Later ones of the same name get `_2`, `_3`, and so on, in document order. Nodes without a triangle
 //! have no prim.
 
+use crate::scene::Part;
 use crate::scene::Scene;
 use std::collections::BTreeMap;
 use std::collections::BTreeSet;
@@ -48,6 +49,11 @@ impl Paths {
     /// Name of a node's prim.
     pub(super) fn node(&self, node: usize) -> &str {
         self.node.get(&node).map_or("", String::as_str)
+    }
+
+    /// Name of the mesh that a node has for a primitive; Blender shows it without the node's.
+    pub(super) fn mesh(&self, part: &Part) -> String {
+        format!("{}_{}", self.node(part.node), part.primitive)
     }
 
     /// Name of a material's prim.

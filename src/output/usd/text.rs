@@ -155,7 +155,7 @@ mod tests {
         let mut text = Text::default();
         text.prim("def Mesh \"m\"", &["a = 1".to_owned()], |t| t.list("int[] x", (0..9).map(|i| i.to_string()), ""));
         let text = String::from_utf8(text.into_bytes()).unwrap();
-        assert_eq!(text.lines().nth(6), Some("        0, 1, 2, 3, 4, 5, 6, 7,"));
+        assert_eq!(text.lines().nth(5), Some("        0, 1, 2, 3, 4, 5, 6, 7,"));
         assert_eq!(text.lines().last(), Some("}"));
     }
 }
