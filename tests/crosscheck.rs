@@ -10,6 +10,7 @@ mod crosscheck_env;
 
 use crosscheck_env::{Bake, accepts, bake, brighten, density, fixture, fixtures, folder, rejects, text};
 use std::fs;
+use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 /// Every fixture, baked once for all tests of this file.
@@ -84,6 +85,38 @@ fn many_small_pages_pass_every_check() {
     accepts("checks/validate.py", &["--input", text(&baked.fixture.file), text(&baked.gltf)]);
     accepts("checks/exr.py", &baked.pages.iter().map(|p| text(p)).collect::<Vec<_>>());
     accepts("checks/preserved.py", &[text(&baked.fixture.file), text(&baked.gltf)]);
+}
+
+/// Every fixture, baked to its vertices with everything that can be asked for.
+#[test]
+#[ignore = "slow: makes a Python environment, minutes"]
+fn vertex_bakes_are_valid_lose_nothing_and_arrive_in_blender() {
+    let out = folder("vertices");
+    let mut documents = vec![];
+    for fixture in fixtures() {
+        let plain = bake_to_vertices(&fixture, &out.join("plain"), &[]);
+        accepts("checks/preserved.py", &[text(&fixture.file), text(&plain)]);
+        let all = ["--vertex-attribute", "both", "--unlit", "--subdivide", "0.3"];
+        let all = bake_to_vertices(&fixture, &out.join("all"), &all);
+        accepts("checks/validate.py", &["--input", text(&fixture.file), text(&plain), text(&all)]);
+        documents.extend([plain, all]);
+    }
+    // Blender 5.0's importer stumbles over the animation pointers of the primitives.
+    let importable = documents.iter().filter(|d| !d.ends_with("primitives.gltf"));
+    accepts("checks/vertex_light.py", &importable.map(|d| text(d)).collect::<Vec<_>>());
+    let cornell = text(&fixture("cornell").file).to_owned();
+    rejects("checks/vertex_light.py", &[&cornell], "do not arrive");
+}
+
+fn bake_to_vertices(fixture: &crosscheck_env::Fixture, folder: &Path, options: &[&str]) -> PathBuf {
+    let document = folder.join(fixture.file.file_name().unwrap());
+    let common = ["--target", "vertex", "--preset", "preview", "--gather", "4", "-q"];
+    let mut arguments = vec!["bake", text(&fixture.file), "-o", text(&document)];
+    arguments.extend(common.iter().chain(options));
+    arguments.extend(fixture.options.iter().map(String::as_str));
+    let done = crosscheck_env::texelwalk(&arguments);
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    document
 }
 
 #[test]

@@ -87,6 +87,38 @@ fn direct_and_indirect_add_up_to_the_lightmap() {
 }
 
 #[test]
+fn surface_layers_describe_the_room() {
+    let wanted = ["albedo", "normal", "position", "chart", "density", "coverage"];
+    let baked = bake(|_| {}, &["--aov", &wanted.join(","), "--gather", "4"]);
+    let layers = channels(&baked.file("out.aov0.exr"));
+    let names: std::collections::BTreeSet<&str> = layers.keys().map(|k| k.split('.').next().unwrap()).collect();
+    assert_eq!(names, wanted.into_iter().collect());
+    let page = baked.page("out.lightmap0.exr");
+    let charts = baked.report["atlas"]["charts"].as_f64().unwrap() as f32;
+    let (mut floor, mut area) = (0, 0.0);
+    for (i, pixel) in page.pixels.iter().enumerate() {
+        let all = |name: &str, channels: [&str; 3]| channels.map(|c| layers[&format!("{name}.{c}")][i]);
+        let number = |name: &str| layers[&format!("{name}.Y")][i];
+        let (albedo, normal, position) =
+            (all("albedo", ["R", "G", "B"]), all("normal", ["X", "Y", "Z"]), all("position", ["X", "Y", "Z"]));
+        if pixel[3] == 0.0 {
+            assert!([albedo, normal, position].as_flattened().iter().all(|v| *v == 0.0) && number("chart") == 0.0);
+            continue;
+        }
+        assert!((normal.iter().map(|v| v * v).sum::<f32>() - 1.0).abs() < 1e-4);
+        assert!((1.0..=charts).contains(&number("chart")) && number("chart").fract() == 0.0);
+        assert!((0.0..=1.0001).contains(&number("coverage")) && albedo.iter().all(|a| (0.0..1.0).contains(a)));
+        area += number("coverage") / number("density").powi(2);
+        if normal[1] > 0.999 && position[1].abs() < 1e-4 {
+            floor += 1;
+        }
+    }
+    // Five sides of 5.5 m squared and two solids; of the floor, at 4 texels per metre, the solids hide a sixth.
+    assert!((350..=540).contains(&floor), "{floor}");
+    assert!((160.0..200.0).contains(&area), "{area}");
+}
+
+#[test]
 fn the_standard_error_is_that_of_another_seed() {
     let one = |seed| bake(|_| {}, &["--aov", "stderr", "--quantity", "irradiance", "--seed", seed]);
     let bakes = ["1", "2"].map(one);

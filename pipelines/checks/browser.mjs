@@ -4,7 +4,7 @@
  * In, as JSON on stdin: `{ modules, chromium, jobs }`, a job being
  * `{ address, files, width, height, strata, screenshots: [{ path, settings }] }`;
  * `modules` holds playwright-core; `files`, if any, are picked on the page. Out, as JSON on stdout: for every job
- * `{ radiance, quick, pages }` as the page's `window.texelwalk` gives them (base64; `quick` has one sample a pixel), or
+ * `{ radiance, quick, pages, vertices }` as the page's `window.texelwalk` gives them (base64; `quick` has one sample a pixel), or
  * `{ error }`, what the page says went wrong. Called by browser_session.py.
  */
 
@@ -33,8 +33,9 @@ async function run(browser, { address, files = [], width, height, strata, screen
     if (files.length > 0) await page.setInputFiles('#files', files);
     const result = await page.evaluate(async (options) => {
       await window.texelwalk.opened;
-      const { radiance, pages } = window.texelwalk;
-      return { radiance: radiance(options), quick: radiance({ ...options, strata: 1 }), pages: pages() };
+      const { radiance, pages, vertices } = window.texelwalk;
+      const quick = radiance({ ...options, strata: 1 });
+      return { radiance: radiance(options), quick, pages: pages(), vertices: vertices() };
     }, { width, height, strata });
     for (const { path, settings } of screenshots) {
       await page.evaluate((changes) => window.texelwalk.set(changes), settings);

@@ -11,7 +11,7 @@ stdout; with `--pictures` PNGs of both pictures, their difference, and the page;
 * Nothing is left out but pixels in which both pictures show no surface; their number is printed.
 * The same files picked on the page as it lies on the disk, without a server, must give the same pixels.
 * The browser must show the pages that the document names (none for light at vertices), every half of them as OpenImageIO
-  reads it.
+  reads it; and light at vertices as the file has it, bit for bit.
 """
 
 import argparse
@@ -84,6 +84,17 @@ def page_faults(result, baked):
     return faults
 
 
+def vertex_faults(result, baked):
+    """Light at vertices that is not the file's, bit for bit, whatever the order of the meshes."""
+    theirs = sorted(light.astype("<f4").tobytes() for _, _, light in GltfFile(baked).vertex_light())
+    ours = sorted(base64.b64decode(values) for values in result["vertices"])
+    if ours != theirs:
+        return [f"light at the vertices of {len(ours)} meshes is not that of the file's {len(theirs)} primitives"]
+    if ours:
+        print(f"light at {sum(map(len, ours)) // 12} vertices as in the file, bit for bit")
+    return []
+
+
 def compare(ours, reference, arguments):
     """Prints what differs; returns the faults."""
     covered = (ours[..., 3] > 0) | (reference[..., 3] > 0)
@@ -150,7 +161,8 @@ def main():
     ours = picture_of(result, width, height)
     if arguments.pictures:
         write_pictures(arguments.pictures, ours, reference)
-    faults = page_faults(result, arguments.baked) + compare(ours, reference, arguments)
+    faults = page_faults(result, arguments.baked) + vertex_faults(result, arguments.baked)
+    faults += compare(ours, reference, arguments)
     if (picked["quick"], picked["pages"]) != (result["quick"], result["pages"]):
         faults.append("files picked on the page look other than the same files by their address")
     for fault in faults:

@@ -143,6 +143,16 @@ class GltfFile:
             values[where] = self._elements(sparse["values"], n, component_type, kind)
         return values
 
+    def vertex_light(self):
+        """`_LIGHTMAP` of every primitive of every node's mesh that has one: (node, primitive, vertices × 3)."""
+        found = []
+        for n, node in enumerate(self.json.get("nodes", [])):
+            mesh = self.json["meshes"][index(node["mesh"])] if "mesh" in node else {}
+            for p, primitive in enumerate(mesh.get("primitives", [])):
+                if "_LIGHTMAP" in primitive["attributes"]:
+                    found.append((n, p, self.accessor(index(primitive["attributes"]["_LIGHTMAP"]))))
+        return found
+
     def corners(self, primitive):
         """Vertex index of every corner of a primitive, triangle strips and fans written out as lists.
 

@@ -2,8 +2,8 @@
  * The page: connects its controls with the viewer, opens `?file=ADDRESS`, dropped and picked files.
  *
  * Addresses: `?file=` a baked glTF or GLB, `&camera=` a camera by number, `&plain` leaves shading to three.js (see
- * lightmap-plugin.js). For checks, `window.texelwalk` has `opened` (a promise that fails with what went wrong), `radiance()`
- * and `pages()`.
+ * lightmap-plugin.js). For checks, `window.texelwalk` has `opened` (a promise that fails with what went wrong), `radiance()`,
+ * `pages()` and `vertices()`.
  */
 
 import { dropped, fromAddress, fromFiles, picked } from './files.js';
@@ -20,7 +20,13 @@ const NOTES = {
 };
 
 /** What checks talk to. */
-const hook = { opened: Promise.resolve(), set, pages, radiance: (options) => base64(viewer.radiance(options)) };
+const hook = {
+  opened: Promise.resolve(),
+  set,
+  pages,
+  vertices: () => viewer.vertexLight().map(base64),
+  radiance: (options) => base64(viewer.radiance(options)),
+};
 let viewer;
 try {
   viewer = new Viewer(part('canvas'));

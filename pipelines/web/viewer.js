@@ -118,6 +118,14 @@ export class Viewer {
     return count > 0 ? sum / count : 1;
   }
 
+  /** Light at the vertices of each mesh, as the file has it: three floats a vertex. */
+  vertexLight() {
+    return this.meshes.filter(({ material }) => vertexLightOf(material)).map(({ mesh, material }) => {
+      const light = mesh.geometry.attributes[vertexLightOf(material).attribute];
+      return Float32Array.from({ length: 3 * light.count }, (_, i) => light.getComponent(Math.floor(i / 3), i % 3));
+    });
+  }
+
   /** Looks through a camera of the file, by number; without it from outside, over all of the model. */
   look(number) {
     this.controls?.dispose();

@@ -1,42 +1,77 @@
-//! What `--aov` asks for besides the light: layers with a value per texel, in the unit of the stored quantity.
+//! What `--aov` asks for: layers with a value per texel, of the light and of the surface that it falls on.
 //!
 //! In: a [`Solution`]. Out: per page, layers for an EXR file. A new layer is a case of [`Aov`] and one of [`layer`].
 //!
+//! Light has the unit of the stored quantity, and is dilated as the lightmap is:
 //! * `direct` and `indirect` add up to the lightmap, but for its rounding to half floats.
 //! * `stderr` is the standard error of a texel: the root mean square over the channels. The difference of two halves is
 //!   one draw of it and says little about a single texel, so squares are averaged over neighbours on the surface and in
 //!   space.
+//!
+//! What describes the surface is zero beside charts, and in texels that lie wholly inside solids: `albedo` (diffuse
+//! reflectance), `normal` (unit, in the world), `position` (centre of the exposed part, in the world) [m], `chart` (number
+//! from 1), `density` [texels/m], `coverage` (part of the texel that is exposed surface, in [0, 1]).
 
 use super::Solution;
 use super::solve::{Setup, mean};
 use crate::base::{Rgb, parallel};
-use crate::finish::Page;
+use crate::finish::{self, Page};
 use crate::output::exr::AovLayer;
 use crate::settings::Aov;
+
+const COLOR: &[&str] = &["R", "G", "B"];
+const VECTOR: &[&str] = &["X", "Y", "Z"];
+const NUMBER: &[&str] = &["Y"];
+
+/// A layer before it is put on pages.
+struct Layer {
+    name: &'static str,
+    /// After the dot; as many of a value's numbers are written.
+    channels: &'static [&'static str],
+    /// By front patch.
+    values: Vec<Rgb>,
+    /// It is light, not surface.
+    light: bool,
+}
 
 /// The layers of every page.
 pub(super) fn layers(setup: &Setup<'_>, pages: u32, solution: &Solution, factor: f32) -> Vec<Vec<AovLayer>> {
     let mut out = vec![vec![]; pages as usize];
     for &aov in &setup.settings.aov {
-        let (name, channels, values) = layer(aov, setup, solution);
-        let map = super::on_pages(setup, pages, &values, factor);
+        let layer = layer(aov, setup, solution);
+        let map = if layer.light {
+            super::on_pages(setup, pages, &layer.values, factor)
+        } else {
+            finish::assemble(setup.patches, pages, &layer.values, 1.0)
+        };
         for (page, layers) in map.pages.iter().zip(&mut out) {
-            layers.push(layer_of(name, channels, page));
+            layers.push(layer_of(&layer, page));
         }
     }
     out
 }
 
-/// Name, channels, and a value per front patch.
-fn layer(aov: Aov, setup: &Setup<'_>, solution: &Solution) -> (&'static str, &'static [&'static str], Vec<Rgb>) {
-    const COLOR: &[&str] = &["R", "G", "B"];
-    const NUMBER: &[&str] = &["Y"];
+fn layer(aov: Aov, setup: &Setup<'_>, solution: &Solution) -> Layer {
+    let Setup { patches, .. } = *setup;
     let halves = &solution.halves;
     let with_sky = |values: Vec<Rgb>, times: f32| parallel::map(values.len(), |i| values[i] + halves.sky[i] * times);
+    let light = |name, channels, values| Layer { name, channels, values, light: true };
+    let surface = |name, channels, value: &(dyn Fn(usize) -> Rgb + Sync)| Layer {
+        name,
+        channels,
+        values: parallel::map(patches.front, value),
+        light: false,
+    };
     match aov {
-        Aov::Stderr => ("stderr", NUMBER, standard_error(setup, solution)),
-        Aov::Direct => ("direct", COLOR, with_sky(mean(&halves.direct), 1.0)),
-        Aov::Indirect => ("indirect", COLOR, with_sky(mean(&halves.indirect), -1.0)),
+        Aov::Stderr => light("stderr", NUMBER, standard_error(setup, solution)),
+        Aov::Direct => light("direct", COLOR, with_sky(mean(&halves.direct), 1.0)),
+        Aov::Indirect => light("indirect", COLOR, with_sky(mean(&halves.indirect), -1.0)),
+        Aov::Albedo => surface("albedo", COLOR, &|i| patches.reflectance[i]),
+        Aov::Normal => surface("normal", VECTOR, &|i| patches.normal[i]),
+        Aov::Position => surface("position", VECTOR, &|i| patches.position[i]),
+        Aov::Chart => surface("chart", NUMBER, &|i| Rgb::splat((patches.chart(i) + 1) as f32)),
+        Aov::Density => surface("density", NUMBER, &|i| Rgb::splat(1.0 / patches.texel_edge(i))),
+        Aov::Coverage => surface("coverage", NUMBER, &|i| Rgb::splat(patches.covered(i) * patches.exposed[i])),
     }
 }
 
@@ -47,8 +82,8 @@ fn standard_error(setup: &Setup<'_>, solution: &Solution) -> Vec<Rgb> {
     parallel::map(setup.patches.front, |i| Rgb::splat(one(i)))
 }
 
-fn layer_of(name: &str, channels: &[&str], page: &Page) -> AovLayer {
+fn layer_of(layer: &Layer, page: &Page) -> AovLayer {
     let values = |c: usize| page.pixels.iter().map(|p| p[c]).collect();
-    let channels = channels.iter().enumerate().map(|(c, suffix)| ((*suffix).to_owned(), values(c))).collect();
-    AovLayer { name: name.to_owned(), channels, float: true }
+    let channels = layer.channels.iter().enumerate().map(|(c, suffix)| ((*suffix).to_owned(), values(c))).collect();
+    AovLayer { name: layer.name.to_owned(), channels, float: true }
 }

@@ -143,8 +143,20 @@ impl Patches {
     /// Edge length of the patch's texel in the world [m].
     #[must_use]
     pub fn texel_edge(&self, patch: usize) -> f32 {
+        (self.area[patch] / self.covered(patch).max(1e-9)).sqrt()
+    }
+
+    /// Part of the patch's texel that has surface, hidden or not, in [0, 1].
+    #[must_use]
+    pub fn covered(&self, patch: usize) -> f32 {
         let covered = self.fragments.range(self.front_patch(patch)).map(|f| self.fragments.covered[f]);
-        (self.area[patch] / covered.fold(0.0, |a, b| a + b).max(1e-9)).sqrt()
+        covered.fold(0.0, |a, b| a + b)
+    }
+
+    /// Index into `Atlas::charts` of a front patch.
+    #[must_use]
+    pub fn chart(&self, front: usize) -> u32 {
+        self.chart[front]
     }
 
     /// Median edge length of the texels of `n` patches [m]; 1 if there are none.

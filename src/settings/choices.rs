@@ -107,6 +107,18 @@ pub enum Aov {
     Direct,
     /// Light after at least one reflection.
     Indirect,
+    /// Diffuse reflectance.
+    Albedo,
+    /// Unit normal in the world.
+    Normal,
+    /// Position in the world, in metres.
+    Position,
+    /// Number of the chart, from 1.
+    Chart,
+    /// Texels per metre.
+    Density,
+    /// Part of the texel that is exposed surface.
+    Coverage,
 }
 
 impl Target {
