@@ -155,7 +155,7 @@ mod tests {
     #[test]
     fn transforms_do_the_same_upside_down() {
         for (angle, scale) in [(0.0f32, [1.0, 1.0]), (0.7, [2.0, 3.0]), (-2.0, [-1.5, 0.5]), (1.0, [2.0, -1.0])] {
-            let (sin, cos) = angle.sin_cos();
+            let (sin, cos) = libm::sincosf(angle);
             let linear = Mat2::from_cols(Vec2::new(cos, -sin) * scale[0], Vec2::new(sin, cos) * scale[1]);
             let gltf = Affine2::from_mat2_translation(linear, Vec2::new(0.3, -0.2));
             let (scale, degrees, translation) = transform(&gltf);
