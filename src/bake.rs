@@ -37,6 +37,8 @@ pub struct Request {
     pub output: PathBuf,
     /// How.
     pub settings: Settings,
+    /// Where to write the bake as USD.
+    pub usd: Option<PathBuf>,
     /// Where to write the report.
     pub report: Option<PathBuf>,
     /// Where to write the depfile.

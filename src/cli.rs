@@ -53,6 +53,10 @@ pub struct Bake {
     /// Everything a preset may set
     #[command(flatten)]
     pub options: Options,
+    /// Also write the bake as OpenUSD: NAME.usda to open, NAME.geometry.usda, and NAME.lightmap.usda, which adds the
+    /// light to a stage with the same prims
+    #[arg(long, value_name = "NAME.usda", value_parser = usda)]
+    pub usd: Option<PathBuf>,
     /// Write a JSON report of the bake
     #[arg(long, value_name = "FILE", help_heading = "Run")]
     pub report: Option<PathBuf>,
@@ -71,6 +75,13 @@ pub struct Bake {
     /// More detail on standard error
     #[arg(short, long, help_heading = "Run")]
     pub verbose: bool,
+}
+
+/// The name of a text layer.
+fn usda(typed: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(typed);
+    let named = path.extension().is_some_and(|e| e == "usda") && path.file_stem().is_some();
+    if named { Ok(path) } else { Err("the name must end in .usda, because text layers are written".to_owned()) }
 }
 
 /// `inspect`.

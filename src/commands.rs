@@ -6,10 +6,11 @@ use std::sync::Arc;
 use texelwalk::bake::{self, Observer, Request};
 use texelwalk::base::Progress;
 use texelwalk::cli;
+use texelwalk::output::formats::Format;
 use texelwalk::output::{atomic, exr, png};
 use texelwalk::render::{Lightmaps, View};
 use texelwalk::scene;
-use texelwalk::settings::Options;
+use texelwalk::settings::{Options, Target};
 use texelwalk::{compare, inspect, output, render};
 
 /// Exit codes; a contract with build systems.
@@ -48,6 +49,9 @@ pub(crate) fn bake(typed: cli::Bake) -> Outcome {
     }
     let options = options.over(Options::preset(typed.preset).map_err(|e| usage(&e))?);
     let settings = options.settings().map_err(|e| usage(&e))?;
+    if typed.usd.is_some() && settings.target == Target::Lightmap && !settings.format.contains(&Format::Exr) {
+        return Err((Exit::Usage, "--usd refers to the lightmap as EXR; add exr to --format".to_owned()));
+    }
     start_threads(options.threads)?;
     let progress = Arc::new(Progress::default());
     let flag = Arc::clone(&progress);
@@ -58,6 +62,7 @@ pub(crate) fn bake(typed: cli::Bake) -> Outcome {
         input: typed.input,
         output: typed.output,
         settings,
+        usd: typed.usd,
         report: typed.report,
         depfile: typed.depfile,
         also_read,

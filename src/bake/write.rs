@@ -5,7 +5,7 @@ use super::{Error, Outcome, Request, Solution};
 use crate::atlas::Atlas;
 use crate::base::Warning;
 use crate::finish::Lightmap;
-use crate::output::{atomic, depfile, exr, formats, gltf, names, png, report};
+use crate::output::{atomic, depfile, exr, formats, gltf, names, png, report, usd};
 use crate::patches::Patches;
 use crate::scene::Scene;
 use crate::settings::{Quantity, Settings, VertexAttribute};
@@ -85,6 +85,8 @@ impl Facts<'_> {
         };
         let written = gltf::write_vertex_gltf(self.scene, light, &how)?;
         let mut warnings = written.warnings;
+        let mut files = self.encode_usd(usd::Light::Vertices(light))?;
+        files.extend(written.output);
         if !light.fit.reached {
             let (error, target) = (light.fit.error, settings.subdivide.unwrap_or_default());
             let message = format!(
@@ -93,7 +95,7 @@ impl Facts<'_> {
             );
             warnings.push(Warning::new("subdivide-missed", message));
         }
-        Ok((written.output, warnings))
+        Ok((files, warnings))
     }
 
     /// Pages, previews, what else lies beside them, then the document.
@@ -123,6 +125,7 @@ impl Facts<'_> {
                 files.push((path, bytes));
             }
         }
+        files.extend(self.encode_usd(usd::Light::Pages(self.atlas, &names))?);
         let how = gltf_settings(settings, document);
         let written = gltf::write_gltf(self.scene, self.atlas, &names, &how)?;
         files.extend(written.output);
@@ -130,6 +133,14 @@ impl Facts<'_> {
             files.extend(files.last().map(|(path, bytes)| gltf::preview(path, bytes)).transpose()?);
         }
         Ok((files, written.warnings))
+    }
+
+    /// The USD layers, if they are asked for.
+    fn encode_usd(&self, light: usd::Light<'_>) -> Result<Vec<File>, Error> {
+        let Some(output) = self.request.usd.clone() else { return Ok(vec![]) };
+        let settings = &self.request.settings;
+        let how = usd::Settings { quantity: quantity(settings.quantity), output, generator: GENERATOR.to_owned() };
+        Ok(usd::write_usd(self.scene, light, &how)?)
     }
 
     /// EXR files of each group, by page; files of other formats lie beside them.

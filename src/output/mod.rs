@@ -1,4 +1,4 @@
-//! What was baked → files: EXR pages, PNG previews, the glTF with its additions, report, depfile.
+//! What was baked → files: EXR pages, PNG previews, the glTF with its additions, USD layers, report, depfile.
 //!
 //! The EXR is the lightmap; [`formats`] are copies of its half floats for engines that load something else. What they
 //! need to be decoded (formula, scale) is in the manifest beside each URI, so a reader never has to guess from a file
@@ -17,6 +17,7 @@ pub mod names;
 pub mod png;
 pub mod report;
 pub mod splice;
+pub mod usd;
 
 use std::path::Path;
 use std::path::PathBuf;

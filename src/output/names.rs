@@ -138,13 +138,28 @@ pub fn local_path(document: &Path, uri: &str) -> Option<PathBuf> {
     if uri.is_empty() || rebased(uri, "x") == uri {
         return None;
     }
+    Some(parent(document).join(decoded(uri)?))
+}
+
+/// Percent-decodes.
+fn decoded(uri: &str) -> Option<String> {
     let (mut bytes, mut rest) = (Vec::new(), uri.as_bytes());
     while let Some((&b, tail)) = rest.split_first() {
         let escaped = || u8::from_str_radix(core::str::from_utf8(tail.get(..2)?).ok()?, 16).ok();
         bytes.push(if b == b'%' { escaped()? } else { b });
         rest = if b == b'%' { &tail[2..] } else { tail };
     }
-    Some(parent(document).join(String::from_utf8(bytes).ok()?))
+    String::from_utf8(bytes).ok()
+}
+
+/// Path with forward slashes by which a file in `folder` refers to the file `target`; starts with `./` or `../`.
+///
+/// # Errors
+/// As for [`relative_uri`].
+pub fn relative_path(folder: &Path, target: &Path) -> Result<String, Error> {
+    let uri = relative_uri(folder, target)?;
+    let path = decoded(&uri).ok_or_else(|| Error::invalid(target, "the name is not UTF-8; rename it"))?;
+    Ok(if path.starts_with("../") { path } else { format!("./{path}") })
 }
 
 /// The folder that a file lies in; `.` for a bare name.
@@ -217,6 +232,8 @@ mod tests {
         assert_eq!(uri_prefix(&a, &a.join(".")).unwrap(), "");
         assert_eq!(uri_prefix(&b.join("../x"), &b).unwrap(), "../deep/");
         assert_eq!(relative_uri(&b, &b.join("50% #1 ü.exr")).unwrap(), "50%25%20%231%20%C3%BC.exr");
+        assert_eq!(relative_path(&b, &b.join("50% #1 ü.exr")).unwrap(), "./50% #1 ü.exr");
+        assert_eq!(relative_path(&b, &a.join("c.exr")).unwrap(), "../../in put/c.exr");
     }
 
     #[cfg(unix)]
