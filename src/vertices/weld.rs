@@ -11,8 +11,9 @@ use glam::DVec3;
 use rayon::slice::ParallelSliceMut;
 use std::collections::HashMap;
 
-/// Distance of places that are one, in parts of the largest coordinate: some rounding steps of an `f32`.
-const NEAR: f64 = 1e-6;
+/// Distance of places that are one, in parts of the largest coordinate: a few rounding steps of an `f32`. More would join
+/// details of a level that lies far from the origin.
+const NEAR: f64 = 3e-7;
 /// Edge of a cell of space in that distance.
 const CELL: f64 = 64.0;
 /// Cosine of the angle between normals that are one: 10°.
@@ -92,7 +93,7 @@ mod tests {
         let up = [0.0, 1.0, 0.0];
         let all = [
             vertex([100.0, 0.0, 0.0], up),
-            vertex([100.000_05, 0.0, 0.0], up),
+            vertex([100.000_02, 0.0, 0.0], up),
             vertex([100.001, 0.0, 0.0], up),
             vertex([100.0, 0.0, 0.0], [0.1, 1.0, 0.0]),
             vertex([100.0, 0.0, 0.0], [0.0, -1.0, 0.0]),
@@ -104,9 +105,9 @@ mod tests {
 
     #[test]
     fn places_on_the_two_sides_of_a_cell_are_found() {
-        let step = 64.0 * 1e-6;
+        let step = CELL * NEAR;
         let all: Vec<Vertex> = (-200..200)
-            .flat_map(|k| [k as f64 * step - 4e-7, k as f64 * step + 4e-7])
+            .flat_map(|k| [k as f64 * step - 0.4 * NEAR, k as f64 * step + 0.4 * NEAR])
             .map(|x| vertex([x, 1.0, x], [0.0, 0.0, 1.0]))
             .collect();
         let (class, count) = places(&all);

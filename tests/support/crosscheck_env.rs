@@ -132,20 +132,26 @@ pub(crate) fn density(fixture: &Fixture, folder: &Path, texels: f64) -> String {
     panic!("{}: no density gives about {texels} texels", fixture.name)
 }
 
-/// Runs `pipelines/<script>` with Python; stdout and stderr together, and whether it succeeded.
-pub(crate) fn python(script: &str, arguments: &[&str]) -> (bool, String) {
+/// Runs `pipelines/<script>` with Python.
+fn run_python(script: &str, arguments: &[&str]) -> Output {
     let path = root().join("pipelines").join(script);
     let output = Command::new("python3").arg(&path).args(arguments).output();
-    let output = output.unwrap_or_else(|e| panic!("python3 is needed for {script}: {e}"));
+    output.unwrap_or_else(|e| panic!("python3 is needed for {script}: {e}"))
+}
+
+/// Runs `pipelines/<script>` with Python; stdout and stderr together, and whether it succeeded.
+pub(crate) fn python(script: &str, arguments: &[&str]) -> (bool, String) {
+    let output = run_python(script, arguments);
     let said = [output.stdout, output.stderr].concat();
     (output.status.success(), String::from_utf8_lossy(&said).into_owned())
 }
 
 /// The Python of the environment of the cross-checks, made if needed.
 pub(crate) fn environment_python() -> String {
-    let (good, said) = python("checks/environment.py", &[]);
-    assert!(good, "{said}");
-    said.lines().last().unwrap().to_owned()
+    let output = run_python("checks/environment.py", &[]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    // Standard error tells of the making; the last line of standard output is the path.
+    String::from_utf8_lossy(&output.stdout).lines().last().unwrap().to_owned()
 }
 
 /// Asserts that a check accepts; what it printed is in the message and, with --nocapture, on the terminal.
