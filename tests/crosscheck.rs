@@ -1,6 +1,6 @@
 //! Cross-checks against programs by others: Khronos validator, OpenImageIO, Blender's importer and Cycles.
 //!
-//! They need Python 3.11 or 3.13 with venv, make an environment under `target/` on the first run (a minute, 1.3 GB), and run
+//! They need Python 3.11 or 3.13 with venv, make an environment under `target/` on the first run (a minute, 1.5 GB), and run
 //! the scripts of `pipelines/checks` on bakes of every fixture found on disk. Each check is also shown something wrong,
 //! which it has to reject.
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "tests")]

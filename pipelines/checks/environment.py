@@ -95,7 +95,7 @@ def make_venv():
         return
     interpreter = find_interpreter()
     shutil.rmtree(VENV, ignore_errors=True)
-    sys.stderr.write("making the Python environment of the cross-checks (about 500 MB, once)\n")
+    sys.stderr.write("making the Python environment of the cross-checks (about 1.5 GB, once)\n")
     run("making the virtual environment", [interpreter, "-m", "venv", VENV],
         "On Debian: apt-get install python3-venv")
     run("installing the Python packages",

@@ -22,7 +22,7 @@ use glam::DVec3;
 const CLOSE: f64 = 1e-7;
 /// Steps of a round. Most need 5 to 20.
 const MOST_STEPS: usize = 400;
-/// Rounds of fixing and freeing. Most scenes need 3 to 6.
+/// Rounds of fixing and freeing. Most scenes need 3 to 7.
 const MOST_ROUNDS: usize = 16;
 
 /// Values that fit best, none of them negative. Cancelled, it returns what it has.
