@@ -3,6 +3,8 @@
 //! Accessors of one kind share a buffer view: all lightmap coordinates, all indices of one width, and so on. Offsets
 //! and strides of vertex attributes are multiples of 4 (glTF 2.0, section 3.6.2.4: data alignment).
 
+use crate::output::splice::Element;
+use crate::output::splice::quoted;
 use crate::scene::AccessorData;
 
 /// glTF component type of unsigned 16-bit integers.
@@ -62,23 +64,26 @@ impl Append {
 
     /// A VEC2 float attribute.
     pub(super) fn uv(&mut self, uv: impl ExactSizeIterator<Item = [f32; 2]>) -> usize {
-        let count = uv.len();
-        let (view, bytes) = self.view(ARRAY_BUFFER, 8, "lightmap coordinates");
-        let offset = bytes.len();
-        uv.flatten().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
-        self.accessor(format!(
-            "{{\"bufferView\": {view}, \"byteOffset\": {offset}, \"componentType\": {F32}, \"count\": {count}, \"type\": \"VEC2\"}}"
-        ))
+        self.floats("lightmap coordinates", "VEC2", uv)
     }
 
     /// A VEC3 float attribute.
     pub(super) fn vectors(&mut self, vectors: impl ExactSizeIterator<Item = [f32; 3]>) -> usize {
-        let count = vectors.len();
-        let (view, bytes) = self.view(ARRAY_BUFFER, 12, "light");
+        self.floats("light", "VEC3", vectors)
+    }
+
+    fn floats<const N: usize>(
+        &mut self,
+        what: &'static str,
+        kind: &str,
+        elements: impl ExactSizeIterator<Item = [f32; N]>,
+    ) -> usize {
+        let count = elements.len();
+        let (view, bytes) = self.view(ARRAY_BUFFER, 4 * N, what);
         let offset = bytes.len();
-        vectors.flatten().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
+        elements.flatten().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
         self.accessor(format!(
-            "{{\"bufferView\": {view}, \"byteOffset\": {offset}, \"componentType\": {F32}, \"count\": {count}, \"type\": \"VEC3\"}}"
+            "{{\"bufferView\": {view}, \"byteOffset\": {offset}, \"componentType\": {F32}, \"count\": {count}, \"type\": \"{kind}\"}}"
         ))
     }
 
@@ -119,7 +124,7 @@ impl Append {
 
     /// A vertex attribute with the elements `picked` from `data`. `kind` is its glTF type; `rest` are further members
     /// of the accessor as JSON, each with a comma before it. Every index must be below `data.count`.
-    pub(super) fn attribute(&mut self, data: &AccessorData, kind: &str, picked: &[u32], rest: &str) -> usize {
+    fn attribute(&mut self, data: &AccessorData, kind: &str, picked: &[u32], rest: &str) -> usize {
         let size = component_size(data.component_type);
         // Columns of matrices start at multiples of 4 bytes (glTF 2.0, section 3.6.2.4).
         let rows = match kind {
@@ -147,6 +152,25 @@ impl Append {
         self.accessor(format!(
             "{{\"bufferView\": {view}, \"byteOffset\": {offset}, \"componentType\": {component}, \"count\": {count}, \"type\": \"{kind}\"{rest}}}"
         ))
+    }
+
+    /// The attribute `name` anew: the elements `picked` from `data`, and all that its old accessor says besides. Every
+    /// index must be below `data.count`.
+    pub(super) fn rewritten(&mut self, old: &Element<'_>, name: &str, data: &AccessorData, picked: &[u32]) -> usize {
+        const REWRITTEN: [&str; 8] =
+            ["bufferView", "byteOffset", "componentType", "count", "type", "sparse", "min", "max"];
+        let kind = old.get("type").and_then(|t| t.string()).unwrap_or_default();
+        let mut rest = String::new();
+        for (key, value) in old.members() {
+            if !REWRITTEN.contains(&key.as_str()) {
+                rest += &format!(", {}: {}", quoted(&key), value.text());
+            }
+        }
+        if name == "POSITION" || old.get("min").is_some() {
+            let (least, most) = bounds(data, picked);
+            rest += &format!(", \"min\": {least}, \"max\": {most}");
+        }
+        self.attribute(data, &kind, picked, &rest)
     }
 
     /// Everything, laid out from byte `base` of buffer `buffer` (`base` is a multiple of 4).
@@ -177,7 +201,7 @@ pub(super) fn component_size(component_type: u32) -> usize {
 }
 
 /// `min` and `max` of the elements `picked`, as two JSON arrays. Floats are written so that they read back exactly.
-pub(super) fn bounds(data: &AccessorData, picked: &[u32]) -> (String, String) {
+fn bounds(data: &AccessorData, picked: &[u32]) -> (String, String) {
     let size = component_size(data.component_type);
     let mut least = vec![f64::INFINITY; data.components];
     let mut most = vec![f64::NEG_INFINITY; data.components];

@@ -59,8 +59,20 @@ pub(super) struct Assigned {
 }
 
 impl Assigned {
+    /// Gives a primitive and its variants the materials for a use.
+    pub(super) fn set<'a>(&self, splice: &mut Splice<'a>, primitive: &Element<'a>, lightmap: Use) -> Result<(), Fault> {
+        let variants = primitive.find(&["extensions", "KHR_materials_variants"]);
+        let mappings = variants.map(|v| v.array("mappings")).unwrap_or_default();
+        for user in core::iter::once(*primitive).chain(mappings) {
+            if let Some(material) = self.get(user.index_at("material"), lightmap) {
+                splice.set(&user, "material", material.to_string())?;
+            }
+        }
+        Ok(())
+    }
+
     /// The material to use instead of `source` with a lightmap.
-    pub(super) fn get(&self, source: Option<usize>, lightmap: Use) -> Option<usize> {
+    fn get(&self, source: Option<usize>, lightmap: Use) -> Option<usize> {
         self.index.get(&(source, lightmap)).copied()
     }
 

@@ -9,7 +9,6 @@
 //! was written for the first.
 
 use super::append::Append;
-use super::append::bounds;
 use super::append::component_size;
 use super::material::Assigned;
 use super::material::Use;
@@ -23,7 +22,6 @@ use crate::output::Error;
 use crate::output::splice::Element;
 use crate::output::splice::Fault;
 use crate::output::splice::Splice;
-use crate::output::splice::quoted;
 use crate::scene::Scene;
 use std::collections::BTreeMap;
 
@@ -127,15 +125,7 @@ impl<'a> Meshes<'a> {
             splice.set_path(root, &["attributes", name], accessor.to_string())?;
         }
         let lightmap = Use { page, set: baked.set };
-        if let Some(material) = self.materials.get(root.index_at("material"), lightmap) {
-            splice.set(root, "material", material.to_string())?;
-        }
-        let variants = root.find(&["extensions", "KHR_materials_variants"]);
-        for mapping in variants.map(|v| v.array("mappings")).unwrap_or_default() {
-            if let Some(material) = self.materials.get(mapping.index_at("material"), lightmap) {
-                splice.set(&mapping, "material", material.to_string())?;
-            }
-        }
+        self.materials.set(&mut splice, root, lightmap)?;
         if !baked.unsplit || baked.pages.len() > 1 {
             let indices = self.indices(baked, page, split);
             splice.set(root, "indices", indices.to_string())?;
@@ -201,23 +191,11 @@ impl<'a> Meshes<'a> {
         let picked = self.splits[split].source_vertex;
         let old = self.elements.accessors.get(source).ok_or_else(|| self.missing(baked, name))?;
         let data = self.scene.document.accessor(source)?;
-        let kind = old.get("type").and_then(|t| t.string()).unwrap_or_default();
         let complete = data.bytes.len() >= data.count * data.components * component_size(data.component_type);
         if !complete || picked.iter().any(|&v| v as usize >= data.count) {
             return Err(self.missing(baked, name));
         }
-        let mut rest = String::new();
-        for (key, value) in old.members() {
-            let rewritten = ["bufferView", "byteOffset", "componentType", "count", "type", "sparse", "min", "max"];
-            if !rewritten.contains(&key.as_str()) {
-                rest += &format!(", {}: {}", quoted(&key), value.text());
-            }
-        }
-        if name == "POSITION" || old.get("min").is_some() {
-            let (least, most) = bounds(&data, picked);
-            rest += &format!(", \"min\": {least}, \"max\": {most}");
-        }
-        let new = self.append.attribute(&data, &kind, picked, &rest);
+        let new = self.append.rewritten(old, name, &data, picked);
         self.attributes.insert((split, source), new);
         Ok(new)
     }

@@ -66,9 +66,7 @@ fn unlit(json: &str) -> Result<String, Fault> {
             splice.replace(&attributes, format!("{{{}}}", kept.join(", ")));
         }
     }
-    if !root.array("extensionsUsed").iter().any(|e| e.string().as_deref() == Some(UNLIT)) {
-        splice.append_at(&root, "extensionsUsed", vec![quoted(UNLIT)])?;
-    }
+    super::declare(&mut splice, &root, &[UNLIT])?;
     splice.apply()
 }
 

@@ -17,7 +17,6 @@
 use super::Files;
 use super::Quantity;
 use super::append::Append;
-use super::append::bounds;
 use super::container::Container;
 use super::interpolate::extended;
 use super::manifests;
@@ -33,7 +32,6 @@ use crate::output::Error;
 use crate::output::splice::Element;
 use crate::output::splice::Fault;
 use crate::output::splice::Splice;
-use crate::output::splice::quoted;
 use crate::scene::Scene;
 use crate::vertices::VertexLight;
 use crate::vertices::VertexPart;
@@ -225,16 +223,7 @@ impl Writer<'_> {
         for (name, accessor) in self.light_attributes(p) {
             splice.set_path(&root, &["attributes", name], accessor.to_string()).map_err(fault)?;
         }
-        if let Some(material) = self.materials.get(root.index_at("material"), UNLIT) {
-            splice.set(&root, "material", material.to_string()).map_err(fault)?;
-        }
-        for mapping in
-            root.find(&["extensions", "KHR_materials_variants"]).map(|v| v.array("mappings")).unwrap_or_default()
-        {
-            if let Some(material) = self.materials.get(mapping.index_at("material"), UNLIT) {
-                splice.set(&mapping, "material", material.to_string()).map_err(fault)?;
-            }
-        }
+        self.materials.set(&mut splice, &root, UNLIT).map_err(fault)?;
         splice.apply().map_err(fault)
     }
 
@@ -278,20 +267,8 @@ impl Writer<'_> {
         let old = self.elements.accessors.get(source).ok_or_else(missing)?;
         let data = self.scene.document.accessor(source)?;
         let data = extended(&data, name, &self.light.parts[p].origins).ok_or_else(missing)?;
-        let kind = old.get("type").and_then(|t| t.string()).unwrap_or_default();
         let all: Vec<u32> = (0..data.count as u32).collect();
-        let mut rest = String::new();
-        for (key, value) in old.members() {
-            let rewritten = ["bufferView", "byteOffset", "componentType", "count", "type", "sparse", "min", "max"];
-            if !rewritten.contains(&key.as_str()) {
-                rest += &format!(", {}: {}", quoted(&key), value.text());
-            }
-        }
-        if name == "POSITION" || old.get("min").is_some() {
-            let (least, most) = bounds(&data, &all);
-            rest += &format!(", \"min\": {least}, \"max\": {most}");
-        }
-        Ok(self.append.attribute(&data, &kind, &all, &rest))
+        Ok(self.append.rewritten(old, name, &data, &all))
     }
 
     /// Triangles in the document's winding.
