@@ -19,6 +19,7 @@ use crate::finish::{self, Errors, Lightmap};
 use crate::output::{self, report};
 use crate::patches::{PatchGraph, Patches};
 use crate::scene::{self, Scene};
+use crate::seams::Seams;
 use crate::settings::{Quantity, Settings, Target};
 use crate::trace::Tracer;
 use crate::vertices;
@@ -116,15 +117,17 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     let graph = clock.timed("links", |progress| PatchGraph::new(&patches, &tracer, progress))?;
     let groups = groups::groups(&scene, settings.light_groups);
     let facts = write::Facts { request, scene: &scene, atlas: &atlas, patches: &patches };
+    let seams = clock.timed("seams", |progress| Seams::new(&tracer, &atlas, &patches, progress))?;
     let setup = solve::Setup { settings, tracer: &tracer, patches: &patches, graph: &graph };
-    let finished = |solution: &Solution| results(&setup, &groups, &atlas, solution);
+    let finished =
+        |solution: &Solution, progress: &Progress| results(&setup, &groups, &atlas, &seams, solution, progress);
     let fitted = |results: &mut write::Results, progress: &Progress| {
         let how = vertices::Settings { subdivide: settings.subdivide };
         results.vertices = Some(vertices::fit(&scene, &atlas, &patches, &results.lightmap, &how, progress));
     };
     let to_vertices = settings.target == Target::Vertex;
     let rehearse = |solution: &Solution| {
-        let mut results = finished(solution);
+        let mut results = finished(solution, &Progress::default());
         if to_vertices {
             fitted(&mut results, &Progress::default());
         }
@@ -132,7 +135,7 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     };
     let mut solution = refine::refine(&setup, &groups, &mut clock, &rehearse)?;
     warnings.append(&mut solution.warnings);
-    let mut results = clock.timed("finish", |_| finished(&solution))?;
+    let mut results = clock.timed("finish", |progress| finished(&solution, progress))?;
     if to_vertices {
         clock.timed("vertices", |progress| fitted(&mut results, progress))?;
     }
@@ -180,21 +183,39 @@ impl Solution {
 }
 
 /// Puts light on pages: the sum of all groups, each group, and what else is asked for.
-fn results(setup: &solve::Setup<'_>, groups: &[Group], atlas: &Atlas, solution: &Solution) -> write::Results {
+fn results(
+    setup: &solve::Setup<'_>,
+    groups: &[Group],
+    atlas: &Atlas,
+    seams: &Seams,
+    solution: &Solution,
+    progress: &Progress,
+) -> write::Results {
     let settings = setup.settings;
     let factor = match settings.quantity {
         Quantity::Radiosity => FRAC_1_PI,
         Quantity::Irradiance => 1.0,
     };
-    let lightmap = |values: &[Rgb]| on_pages(setup, atlas.pages, values, factor);
     let whole = solution.halves.irradiance();
+    let mut lightmap = on_pages(setup, atlas.pages, &whole, factor);
+    let step_before = seams.steps(setup.patches, &lightmap);
+    let stitcher = seams.stitcher(setup.patches, &lightmap);
+    let finish = |values: &[Rgb]| {
+        let mut lightmap = on_pages(setup, atlas.pages, values, factor);
+        if let Some(stitcher) = &stitcher {
+            stitcher.stitch(&mut lightmap, progress);
+        }
+        lightmap
+    };
     // A single group is the whole; it gets its file all the same where groups are asked for.
     let values = if solution.groups.is_empty() { core::slice::from_ref(&whole) } else { solution.groups.as_slice() };
     let named = groups.iter().zip(values).filter(|_| settings.light_groups);
+    lightmap = finish(&whole);
     write::Results {
-        groups: named.map(|(group, values)| (group.name.clone(), lightmap(values))).collect(),
-        aovs: layers::layers(setup, atlas.pages, solution, factor),
-        lightmap: lightmap(&whole),
+        groups: named.map(|(group, values)| (group.name.clone(), finish(values))).collect(),
+        aovs: layers::layers(setup, atlas.pages, solution, factor, &finish),
+        steps: [step_before, seams.steps(setup.patches, &lightmap)],
+        lightmap,
         vertices: None,
     }
 }

@@ -89,6 +89,7 @@ pub mod output;
 pub mod patches;
 pub mod render;
 pub mod scene;
+pub mod seams;
 pub mod settings;
 pub mod trace;
 pub mod vertices;

@@ -17,6 +17,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("walk", &["base", "trace", "patches"]),
     ("gather", &["base", "trace", "patches"]),
     ("finish", &["base", "atlas", "patches"]),
+    ("seams", &["base", "scene", "trace", "atlas", "patches", "finish"]),
     ("vertices", &["base", "scene", "atlas", "patches", "finish"]),
     ("output", &["base", "scene", "atlas", "finish", "vertices"]),
 ];

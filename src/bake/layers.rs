@@ -2,7 +2,7 @@
 //!
 //! In: a [`Solution`]. Out: per page, layers for an EXR file. A new layer is a case of [`Aov`] and one of [`layer`].
 //!
-//! Light has the unit of the stored quantity, and is dilated as the lightmap is:
+//! Light has the unit of the stored quantity, and goes beyond charts as the lightmap does:
 //! * `direct` and `indirect` add up to the lightmap, but for its rounding to half floats.
 //! * `stderr` is the standard error of a texel: the root mean square over the channels. The difference of two halves is
 //!   one draw of it and says little about a single texel, so squares are averaged over neighbours on the surface and in
@@ -15,7 +15,7 @@
 use super::Solution;
 use super::solve::{Setup, mean};
 use crate::base::{Rgb, parallel};
-use crate::finish::{self, Page};
+use crate::finish::{self, Lightmap, Page};
 use crate::output::exr::AovLayer;
 use crate::settings::Aov;
 
@@ -30,19 +30,35 @@ struct Layer {
     channels: &'static [&'static str],
     /// By front patch.
     values: Vec<Rgb>,
-    /// It is light, not surface.
-    light: bool,
+    kind: Kind,
+}
+
+/// How a layer gets onto pages.
+#[derive(Clone, Copy)]
+enum Kind {
+    /// As the lightmap does: light in its unit, borders filled, seams stitched.
+    Stitched,
+    /// In its unit, borders filled.
+    Filled,
+    /// As it is.
+    Bare,
 }
 
 /// The layers of every page.
-pub(super) fn layers(setup: &Setup<'_>, pages: u32, solution: &Solution, factor: f32) -> Vec<Vec<AovLayer>> {
+pub(super) fn layers(
+    setup: &Setup<'_>,
+    pages: u32,
+    solution: &Solution,
+    factor: f32,
+    finish: &dyn Fn(&[Rgb]) -> Lightmap,
+) -> Vec<Vec<AovLayer>> {
     let mut out = vec![vec![]; pages as usize];
     for &aov in &setup.settings.aov {
         let layer = layer(aov, setup, solution);
-        let map = if layer.light {
-            super::on_pages(setup, pages, &layer.values, factor)
-        } else {
-            finish::assemble(setup.patches, pages, &layer.values, 1.0)
+        let map = match layer.kind {
+            Kind::Stitched => finish(&layer.values),
+            Kind::Filled => super::on_pages(setup, pages, &layer.values, factor),
+            Kind::Bare => finish::assemble(setup.patches, pages, &layer.values, 1.0),
         };
         for (page, layers) in map.pages.iter().zip(&mut out) {
             layers.push(layer_of(&layer, page));
@@ -55,17 +71,17 @@ fn layer(aov: Aov, setup: &Setup<'_>, solution: &Solution) -> Layer {
     let Setup { patches, .. } = *setup;
     let halves = &solution.halves;
     let with_sky = |values: Vec<Rgb>, times: f32| parallel::map(values.len(), |i| values[i] + halves.sky[i] * times);
-    let light = |name, channels, values| Layer { name, channels, values, light: true };
+    let light = |name, kind, channels, values| Layer { name, channels, values, kind };
     let surface = |name, channels, value: &(dyn Fn(usize) -> Rgb + Sync)| Layer {
         name,
         channels,
         values: parallel::map(patches.front, value),
-        light: false,
+        kind: Kind::Bare,
     };
     match aov {
-        Aov::Stderr => light("stderr", NUMBER, standard_error(setup, solution)),
-        Aov::Direct => light("direct", COLOR, with_sky(mean(&halves.direct), 1.0)),
-        Aov::Indirect => light("indirect", COLOR, with_sky(mean(&halves.indirect), -1.0)),
+        Aov::Stderr => light("stderr", Kind::Filled, NUMBER, standard_error(setup, solution)),
+        Aov::Direct => light("direct", Kind::Stitched, COLOR, with_sky(mean(&halves.direct), 1.0)),
+        Aov::Indirect => light("indirect", Kind::Stitched, COLOR, with_sky(mean(&halves.indirect), -1.0)),
         Aov::Albedo => surface("albedo", COLOR, &|i| patches.reflectance[i]),
         Aov::Normal => surface("normal", VECTOR, &|i| patches.normal[i]),
         Aov::Position => surface("position", VECTOR, &|i| patches.position[i]),

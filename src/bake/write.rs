@@ -8,6 +8,7 @@ use crate::finish::Lightmap;
 use crate::output::{atomic, depfile, exr, formats, gltf, names, png, report, usd};
 use crate::patches::Patches;
 use crate::scene::Scene;
+use crate::seams::Steps;
 use crate::settings::{Quantity, Settings, VertexAttribute};
 use crate::vertices::{Fit, VertexLight};
 use std::path::PathBuf;
@@ -30,6 +31,8 @@ pub(super) struct Results {
     pub(super) groups: Vec<(String, Lightmap)>,
     /// Layers by page.
     pub(super) aovs: Vec<Vec<exr::AovLayer>>,
+    /// At the seams, before they were stitched and after.
+    pub(super) steps: [Steps; 2],
     /// Light at vertices instead of pages, if that is the target.
     pub(super) vertices: Option<VertexLight>,
 }
@@ -205,6 +208,7 @@ impl Facts<'_> {
             },
             error: report::EstimatedError { estimated_nrmse: solution.estimated_nrmse(patches) },
             refinement: solution.refinement.clone(),
+            seams: seams(&results.steps),
             light_groups: self.group_files(results),
             vertices: results.vertices.as_ref().map(|light| vertices(&light.fit)),
             rays,
@@ -218,6 +222,16 @@ impl Facts<'_> {
 
 fn gltf_settings(settings: &Settings, output: PathBuf) -> gltf::Settings {
     gltf::Settings { quantity: quantity(settings.quantity), output, generator: GENERATOR.to_owned() }
+}
+
+fn seams([before, after]: &[Steps; 2]) -> report::Seams {
+    report::Seams {
+        points: after.points,
+        step_before: before.p999,
+        step: after.p999,
+        worst: after.worst,
+        worst_at: after.place.to_array(),
+    }
 }
 
 fn vertices(fit: &Fit) -> report::Vertices {

@@ -9,6 +9,7 @@ pub mod color;
 pub mod distribution;
 pub mod frame;
 pub mod low_discrepancy;
+pub mod nonnegative;
 pub mod parallel;
 pub mod plane;
 pub mod progress;

@@ -33,6 +33,8 @@ pub struct Report {
     pub error: EstimatedError,
     /// The passes of the solver, and what ended them.
     pub refinement: Refinement,
+    /// Steps at the borders of charts.
+    pub seams: Seams,
     /// The lightmaps of groups of lights, if they were asked for.
     pub light_groups: Vec<LightGroup>,
     /// The fit of vertex light; `null` for lightmaps.
@@ -132,6 +134,21 @@ pub struct Pass {
     pub estimated_nrmse: f64,
     /// Wall time [s].
     pub seconds: f64,
+}
+
+/// Where borders of charts meet: difference of bilinear look-ups on the two sides, over their mean. For lightmaps.
+#[derive(Debug, Clone, Copy, Default, serde::Serialize)]
+pub struct Seams {
+    /// Points that were compared.
+    pub points: u64,
+    /// 99.9th percentile before the seams were stitched.
+    pub step_before: f64,
+    /// 99.9th percentile in the result.
+    pub step: f64,
+    /// The largest in the result.
+    pub worst: f64,
+    /// Where that is [m].
+    pub worst_at: [f32; 3],
 }
 
 /// A group of lights.

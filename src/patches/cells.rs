@@ -36,6 +36,14 @@ impl Patches {
         around.count_ones() == 9 && around & !self.mask[front] == 0
     }
 
+    /// A position on a page [texels] lies on surface that is in the open: in an exposed cell of a patch's mask.
+    #[must_use]
+    pub fn is_open(&self, page: u32, uv: Vec2) -> bool {
+        let corner = uv.floor();
+        let Some(front) = self.front_at(page, corner.x as i32, corner.y as i32) else { return false };
+        self.exposed[front] > 0.0 && self.mask[front] >> cell_index((uv - corner).as_dvec2(), MASK_GRID) & 1 == 1
+    }
+
     /// Calls `visit(point, within, area)` for each cell of an n × n grid over the texel that the exposed part of the
     /// patch touches; the point also from the texel's corner [texels], areas in texel². A partly hidden texel is cut at
     /// least as finely as its mask, so that the centroid of a cell speaks for all of it.

@@ -15,9 +15,9 @@ use crate::trace::{Ray, Tracer};
 
 /// Cosine of the largest angle between linked patches (10°): the paper links coplanar ones; on curved surfaces light
 /// changes by less than 2 % over this angle.
-const COS_FACING: f32 = 0.984_807_7;
+pub const COS_FACING: f32 = 0.984_807_7;
 /// Heights of the sight lines in texel edges. The lower one clears the crease of two patches at 10° (0.044 edges).
-const HEIGHTS: [f32; 2] = [0.06, 0.3];
+pub const HEIGHTS: [f32; 2] = [0.06, 0.3];
 /// Least shared length of two texels that touch, in texel edges.
 const LEAST_CONTACT: f64 = 1e-3;
 

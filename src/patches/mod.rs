@@ -20,7 +20,7 @@ mod surface;
 mod texel;
 mod tilt;
 
-pub use graph::PatchGraph;
+pub use graph::{COS_FACING, HEIGHTS, PatchGraph};
 pub use place::Seen;
 pub use surface::{PatchSurface, Spot};
 pub use tilt::{Shine, Tilt, Tilts};

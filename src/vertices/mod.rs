@@ -9,7 +9,7 @@
 //!   triangles in texels (`quadrature`); the paper draws random points.
 //! * Surface that lies inside other solids has no weight; where a triangle is hidden, its vertices go along with their
 //!   neighbours (`system`).
-//! * x ≥ 0 is a constraint (`solve`): least squares alone goes below zero beside hard shadows.
+//! * x ≥ 0 is a constraint (`base::nonnegative`): least squares alone goes below zero beside hard shadows.
 //! * Vertices of different meshes at one place, with one normal, are one unknown, so there are no seams between
 //!   modular pieces (`weld`).
 //! * Triangles that fit badly can be cut (`refine`).
@@ -25,7 +25,6 @@ mod bend;
 mod mesh;
 mod quadrature;
 mod refine;
-mod solve;
 mod system;
 mod weld;
 
@@ -102,7 +101,7 @@ pub fn fit(
     let mut mesh = Mesh::new(scene, atlas);
     let field = quadrature::Field { patches, lightmap };
     let mut system = System::new(&mesh, &field, None);
-    let mut values = solve::solve(&system, progress);
+    let mut values = system.solve(progress);
     let mut reached = true;
     if let Some(target) = settings.subdivide {
         while system.relative_error(&values) > target {
@@ -111,7 +110,7 @@ pub fn fit(
                 break;
             }
             system = System::new(&mesh, &field, Some(&system));
-            values = solve::solve(&system, progress);
+            values = system.solve(progress);
         }
     }
     let sampled = system.sampled(&mesh, &field);

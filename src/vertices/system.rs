@@ -15,11 +15,15 @@ use super::mesh::Element;
 use super::mesh::Mesh;
 use super::quadrature::Field;
 use super::weld;
+use crate::base::Progress;
+use crate::base::nonnegative;
 use crate::base::parallel;
 use glam::DVec3;
 
 /// Larger: light under furniture is pulled into the open; smaller: more steps of the solver.
 const FILL: f64 = 0.01;
+/// Residual of the solution: a thousandth of what half floats keep.
+const CLOSE: f64 = 1e-7;
 
 /// Integrals over one triangle.
 #[derive(Debug, Clone, Copy, Default)]
@@ -47,8 +51,8 @@ pub(super) struct System {
     first: Vec<usize>,
     columns: Vec<u32>,
     entries: Vec<f64>,
-    pub(super) diagonal: Vec<f64>,
-    pub(super) load: Vec<DVec3>,
+    diagonal: Vec<f64>,
+    load: Vec<DVec3>,
     /// ∫ φᵢ [m²].
     mass: Vec<f64>,
 }
@@ -120,17 +124,13 @@ impl System {
         row
     }
 
-    /// Matrix times x.
-    pub(super) fn times(&self, x: &[DVec3]) -> Vec<DVec3> {
-        parallel::map_light(x.len(), |i| {
-            let range = self.first[i]..self.first[i + 1];
-            let terms = self.columns[range.clone()].iter().zip(&self.entries[range]);
-            terms.fold(DVec3::ZERO, |sum, (&column, &entry)| sum + x[column as usize] * entry)
-        })
+    /// The values that fit best.
+    pub(super) fn solve(&self, progress: &Progress) -> Vec<DVec3> {
+        nonnegative::solve(self, &self.load, self.weighted(), CLOSE, progress)
     }
 
     /// b/∫φ: mean light around each unknown, weighted by its hat function; zero where nothing is exposed.
-    pub(super) fn weighted(&self) -> Vec<DVec3> {
+    fn weighted(&self) -> Vec<DVec3> {
         self.load.iter().zip(&self.mass).map(|(b, m)| mean(*b, *m)).collect()
     }
 
@@ -171,6 +171,20 @@ impl System {
         let light = self.load.iter().fold(DVec3::ZERO, |a, b| a + *b).element_sum() / 3.0;
         let area = self.mass.iter().fold(0.0, |a, b| a + b);
         if light > 0.0 { (error / 3.0 * area).max(0.0).sqrt() / light } else { 0.0 }
+    }
+}
+
+impl nonnegative::Equations for System {
+    fn times(&self, x: &[DVec3]) -> Vec<DVec3> {
+        parallel::map_light(x.len(), |i| {
+            let range = self.first[i]..self.first[i + 1];
+            let terms = self.columns[range.clone()].iter().zip(&self.entries[range]);
+            terms.fold(DVec3::ZERO, |sum, (&column, &entry)| sum + x[column as usize] * entry)
+        })
+    }
+
+    fn diagonal(&self) -> &[f64] {
+        &self.diagonal
     }
 }
 

@@ -1,6 +1,6 @@
 //! Least squares with x ≥ 0: conjugate gradients on the unknowns that are free, and rounds that fix and free them.
 //!
-//! In: [`System`]. Out: values by unknown. Of each channel by itself: unknowns that come out negative are fixed at zero,
+//! In: [`Equations`], symmetric and positive. Out: values by unknown. Of each channel by itself: unknowns that come out negative are fixed at zero,
 //! the rest is solved again, and unknowns at zero that want to grow are freed, until nothing changes. That is the
 //! active-set method of Portugal, Júdice, Vicente, "A comparison of block pivoting and interior-point algorithms for
 //! linear least squares problems with nonnegative variables", Math. Comp. 63, 1994, with a limit on rounds in place of
@@ -11,27 +11,38 @@
 //!
 //! Symbols: r residual b − A x; z = r/diagonal; p direction; a step.
 
-use super::system::System;
-use crate::base::Progress;
-use crate::base::parallel;
+use super::Progress;
+use super::parallel;
 use glam::BVec3;
 use glam::DVec3;
 
-/// Residual at which a channel is solved, relative to the right-hand side, both in the norm of the preconditioner. A
-/// thousandth of what half floats keep.
-const CLOSE: f64 = 1e-7;
 /// Steps of a round. Most need 5 to 20.
 const MOST_STEPS: usize = 400;
 /// Rounds of fixing and freeing. Most scenes need 3 to 7.
 const MOST_ROUNDS: usize = 16;
 
-/// Values that fit best, none of them negative. Cancelled, it returns what it has.
-pub(super) fn solve(system: &System, progress: &Progress) -> Vec<DVec3> {
-    let mut x = system.weighted();
+/// The symmetric matrix of a least squares problem.
+pub trait Equations: Sync {
+    /// Matrix times x, the same bits at any thread count.
+    fn times(&self, x: &[DVec3]) -> Vec<DVec3>;
+    /// Diagonal of the matrix, ≥ 0.
+    fn diagonal(&self) -> &[f64];
+}
+
+/// Values that fit a right-hand side best, none of them negative, found from `x` on. A channel is solved when its residual
+/// is `close` times the right-hand side, both in the norm of the preconditioner. Cancelled, it returns what it has.
+#[must_use]
+pub fn solve(
+    system: &impl Equations,
+    load: &[DVec3],
+    mut x: Vec<DVec3>,
+    close: f64,
+    progress: &Progress,
+) -> Vec<DVec3> {
     let mut free = vec![BVec3::TRUE; x.len()];
     for _ in 0..MOST_ROUNDS {
-        conjugate_gradients(system, &mut x, &free, progress);
-        if !pivot(system, &mut x, &mut free) || progress.cancelled() {
+        conjugate_gradients(system, load, &mut x, &free, close, progress);
+        if !pivot(system, load, &mut x, &mut free, close) || progress.cancelled() {
             break;
         }
     }
@@ -39,13 +50,13 @@ pub(super) fn solve(system: &System, progress: &Progress) -> Vec<DVec3> {
 }
 
 /// Fixes what is negative, frees what wants to grow; whether there was any.
-fn pivot(system: &System, x: &mut [DVec3], free: &mut [BVec3]) -> bool {
+fn pivot(system: &impl Equations, load: &[DVec3], x: &mut [DVec3], free: &mut [BVec3], close: f64) -> bool {
     let product = system.times(x);
     let mut changed = false;
     for (i, (x, free)) in x.iter_mut().zip(free).enumerate() {
         let negative = x.cmplt(DVec3::ZERO) & *free;
-        let tolerance = system.load[i].abs() * CLOSE;
-        let grows = (system.load[i] - product[i]).cmpgt(tolerance) & !*free;
+        let tolerance = load[i].abs() * close;
+        let grows = (load[i] - product[i]).cmpgt(tolerance) & !*free;
         changed |= (negative | grows).any();
         *x = DVec3::select(negative, DVec3::ZERO, *x);
         *free = (*free & !negative) | grows;
@@ -54,15 +65,22 @@ fn pivot(system: &System, x: &mut [DVec3], free: &mut [BVec3]) -> bool {
 }
 
 /// Solves for the free unknowns, from the values they have.
-fn conjugate_gradients(system: &System, x: &mut Vec<DVec3>, free: &[BVec3], progress: &Progress) {
+fn conjugate_gradients(
+    system: &impl Equations,
+    load: &[DVec3],
+    x: &mut Vec<DVec3>,
+    free: &[BVec3],
+    close: f64,
+    progress: &Progress,
+) {
     let only_free = |i: usize, v: DVec3| DVec3::select(free[i], v, DVec3::ZERO);
-    let scaled = |i: usize, v: DVec3| if system.diagonal[i] > 0.0 { v / system.diagonal[i] } else { DVec3::ZERO };
+    let scaled = |i: usize, v: DVec3| if system.diagonal()[i] > 0.0 { v / system.diagonal()[i] } else { DVec3::ZERO };
     let n = x.len();
     let product = system.times(x);
-    let mut r = parallel::map_light(n, |i| only_free(i, system.load[i] - product[i]));
+    let mut r = parallel::map_light(n, |i| only_free(i, load[i] - product[i]));
     let mut p = parallel::map_light(n, |i| scaled(i, r[i]));
     let mut size = dot(n, |i| r[i] * p[i]);
-    let enough = dot(n, |i| system.load[i] * scaled(i, system.load[i])) * (CLOSE * CLOSE);
+    let enough = dot(n, |i| load[i] * scaled(i, load[i])) * close.powi(2);
     for _ in 0..MOST_STEPS {
         if size.cmple(enough).all() || progress.cancelled() {
             return;

@@ -1,0 +1,168 @@
+//! Seams: what bilinear look-ups read on the two sides of a border between charts is made to agree.
+//!
+//! In: charts and patches; then any lightmap on them, its borders filled. Out: that lightmap with the texels along seams
+//! changed, and how large the steps are.
+//!
+//! A seam is where borders of two charts, or one border twice, lie on the same place with the same normal: within a mesh,
+//! and between meshes that abut (`border`, `meet`). Along it, every half texel, the values on both sides should be one;
+//! texels change as little as that takes, those filled beyond the border most (`equations`).
+//!
+//! Source: M. Iwanicki, "Lighting Technology of The Last of Us", SIGGRAPH 2013 talks; others
+//! use the same least squares for textures. Where we differ: seams between meshes count; no row where something stands
+//! on the seam or it lies inside a solid; light of cut texels lies where their surface is; no value goes below zero.
+//!
+//! Invariants (`tests/seams.rs`): constant light stays as it is; nothing changes away from seams; the same bits at any
+//! thread count.
+//!
+//! Limits: texels of both sides lie on different lattices, so a part of the step remains where light bends sharply
+//! along a seam. Hard edges (normals that differ by more than 10°) are no seams: light really jumps there.
+
+mod border;
+mod equations;
+mod meet;
+
+use crate::atlas::Atlas;
+use crate::base::Progress;
+use crate::base::Rgb;
+use crate::base::parallel;
+use crate::finish::Lightmap;
+use crate::patches::COS_FACING;
+use crate::patches::HEIGHTS;
+use crate::patches::Patches;
+use crate::trace::Ray;
+use crate::trace::Tracer;
+use border::Edge;
+use border::Place;
+use equations::Equations;
+use equations::Row;
+use equations::Taps;
+use equations::light;
+use glam::Vec3;
+use meet::Lattice;
+
+/// Points per texel of an edge.
+const POINTS: f32 = 2.0;
+/// Most points of an edge.
+const MOST_POINTS: f32 = 1e6;
+/// Places on other edges that a point is joined with.
+const MOST_PARTNERS: usize = 4;
+/// Distance [texels] below which two places on a page are one: there, look-ups agree by themselves.
+const SAME: f32 = 1e-3;
+/// Light, as part of the mean, below which a step counts as if it stood in that light.
+const DARK: f32 = 0.01;
+
+/// The seams of an atlas.
+#[derive(Debug, Default)]
+pub struct Seams {
+    rows: Vec<Row>,
+    /// Where each row lies [m].
+    place: Vec<Vec3>,
+}
+
+/// How far the two sides of seams are apart: difference over mean, both largest over the channels and at their place.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Steps {
+    /// Points that were compared.
+    pub points: u64,
+    /// Median.
+    pub median: f64,
+    /// All but a thousandth are below.
+    pub p999: f64,
+    /// The largest.
+    pub worst: f64,
+    /// Where it is [m].
+    pub place: Vec3,
+}
+
+/// Makes both sides of seams agree.
+pub struct Stitcher(Vec<Equations>);
+
+impl Stitcher {
+    /// Changes texels along the seams. The lightmap must have the size of the guide; cancelled, it is half done.
+    pub fn stitch(&self, lightmap: &mut Lightmap, progress: &Progress) {
+        for (texel, light) in parallel::map(self.0.len(), |p| self.0[p].solve(lightmap, progress)).into_iter().flatten()
+        {
+            equations::set(lightmap, texel, light);
+        }
+    }
+}
+
+impl Seams {
+    /// Finds the seams of an atlas.
+    #[must_use]
+    pub fn new(tracer: &Tracer<'_>, atlas: &Atlas, patches: &Patches, progress: &Progress) -> Self {
+        let edges = border::edges(tracer.scene(), atlas);
+        let lattice = Lattice::new(&edges);
+        let found = parallel::map_watched(edges.len(), progress, |e| rows(tracer, patches, &edges, &lattice, e));
+        let (place, rows) = found.into_iter().flatten().unzip();
+        Self { rows, place }
+    }
+
+    /// What changes the texels along the seams of a lightmap with filled borders, and of others of the same light: its
+    /// parts by groups of lights, say. `None` without seams, or for pages of another size.
+    #[must_use]
+    pub fn stitcher(&self, patches: &Patches, guide: &Lightmap) -> Option<Stitcher> {
+        (!self.rows.is_empty() && fits(patches, guide))
+            .then(|| Stitcher(equations::problems(&self.rows, patches, guide)))
+    }
+
+    /// Steps in a lightmap. Without seams, all zero.
+    #[must_use]
+    pub fn steps(&self, patches: &Patches, lightmap: &Lightmap) -> Steps {
+        if self.rows.is_empty() || !fits(patches, lightmap) {
+            return Steps::default();
+        }
+        let read = |texel: u32| light(lightmap, texel);
+        let values = parallel::map_light(self.rows.len(), |r| self.rows[r].sides.map(|side| side.value(read)));
+        let mean = |[a, b]: [Rgb; 2]| (a + b).element_sum() / 6.0;
+        let count = values.len();
+        let floor = DARK * values.iter().fold(0.0f64, |sum, v| sum + f64::from(mean(*v))) as f32 / count as f32;
+        let step = |v: [Rgb; 2]| (v[0] - v[1]).abs().max_element() / mean(v).max(floor).max(f32::MIN_POSITIVE);
+        let mut sorted: Vec<(f32, u32)> = values.iter().zip(0..).map(|(v, r)| (step(*v), r)).collect();
+        sorted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let at = |part: f64| f64::from(sorted[((count as f64 * part) as usize).min(count - 1)].0);
+        let place = self.place[sorted[count - 1].1 as usize];
+        Steps { points: count as u64, median: at(0.5), p999: at(0.999), worst: at(1.0), place }
+    }
+}
+
+fn fits(patches: &Patches, lightmap: &Lightmap) -> bool {
+    lightmap.pages.iter().all(|p| [p.width, p.height] == patches.page_size)
+}
+
+/// What is asked along one edge, and where.
+fn rows(tracer: &Tracer<'_>, patches: &Patches, edges: &[Edge], lattice: &Lattice<'_>, e: usize) -> Vec<(Vec3, Row)> {
+    let (scene, edge) = (tracer.scene(), &edges[e]);
+    let count = (POINTS * edge.length()).ceil().clamp(1.0, MOST_POINTS);
+    let length = edge.length() / count;
+    let taps = |place: &Place| Taps::new(patches.page_size, place.page, place.uv);
+    let mut out = vec![];
+    for k in 0..count as u32 {
+        let t = (k as f32 + 0.5) / count;
+        let own = edge.at(scene, t);
+        let mut partners = lattice.through(e, edge.ends[0].lerp(edge.ends[1], f64::from(t))).peekable();
+        if partners.peek().is_none() {
+            continue;
+        }
+        let inside = edge.inside(scene, t);
+        for (other, s) in partners.take(MOST_PARTNERS) {
+            let [there, there_inside] = [edges[other].at(scene, s), edges[other].inside(scene, s)];
+            let same = own.page == there.page && own.uv.distance(there.uv) < SAME;
+            let texel = edge.texel().min(edges[other].texel()) as f32;
+            let on = own.normal.dot(there.normal) >= COS_FACING;
+            if !same && on && joined(tracer, patches, [&inside, &there_inside], texel) {
+                out.push((own.position, Row { sides: [taps(&own), taps(&there)], length }));
+            }
+        }
+    }
+    out
+}
+
+/// Both places are in the open and nothing stands between them.
+fn joined(tracer: &Tracer<'_>, patches: &Patches, [a, b]: [&Place; 2], texel: f32) -> bool {
+    let open = [a, b].iter().all(|place| patches.is_open(place.page, place.uv));
+    open && HEIGHTS.iter().all(|height| {
+        let [origin, target] = [a, b].map(|place| place.position + place.normal * (height * texel));
+        !tracer.occluded(&Ray { origin, direction: target - origin, t_max: 1.0 })
+    })
+}
