@@ -6,6 +6,7 @@
 
 mod clock;
 mod groups;
+mod html;
 mod layers;
 mod plan;
 mod power;
@@ -19,7 +20,7 @@ use crate::finish::{self, Errors, Lightmap};
 use crate::output::{self, report};
 use crate::patches::{PatchGraph, Patches};
 use crate::scene::{self, Scene};
-use crate::settings::{Quantity, Settings, Target};
+use crate::settings::{Preset, Quantity, Settings, Target};
 use crate::trace::Tracer;
 use crate::vertices;
 use clock::Clock;
@@ -37,10 +38,14 @@ pub struct Request {
     pub output: PathBuf,
     /// How.
     pub settings: Settings,
+    /// What the settings started from; the HTML report tells the two apart.
+    pub preset: Preset,
     /// Where to write the bake as USD.
     pub usd: Option<PathBuf>,
     /// Where to write the report.
     pub report: Option<PathBuf>,
+    /// Where to write the report for people.
+    pub html: Option<PathBuf>,
     /// Where to write the depfile.
     pub depfile: Option<PathBuf>,
     /// Further files that were read, for the depfile.
@@ -59,6 +64,9 @@ pub enum Error {
     /// The results cannot be written.
     #[error(transparent)]
     Output(#[from] output::Error),
+    /// There are no pictures for the report.
+    #[error(transparent)]
+    Html(#[from] crate::html::Error),
     /// Somebody asked to stop.
     #[error("interrupted; nothing was written")]
     Interrupted,
@@ -115,9 +123,15 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     let patches = clock.timed("patches", |progress| Patches::new(&tracer, &atlas, progress))?;
     let graph = clock.timed("links", |progress| PatchGraph::new(&patches, &tracer, progress))?;
     let groups = groups::groups(&scene, settings.light_groups);
-    let facts = write::Facts { request, scene: &scene, atlas: &atlas, patches: &patches };
+    let facts = write::Facts { request, tracer: &tracer, scene: &scene, atlas: &atlas, patches: &patches };
     let setup = solve::Setup { settings, tracer: &tracer, patches: &patches, graph: &graph };
-    let finished = |solution: &Solution| results(&setup, &groups, &atlas, solution);
+    let finished = |solution: &Solution| {
+        let mut results = results(&setup, &groups, &atlas, solution);
+        if request.html.is_some() {
+            results.noise = layers::relative_error(&setup, solution);
+        }
+        results
+    };
     let fitted = |results: &mut write::Results, progress: &Progress| {
         let how = vertices::Settings { subdivide: settings.subdivide };
         results.vertices = Some(vertices::fit(&scene, &atlas, &patches, &results.lightmap, &how, progress));
@@ -128,6 +142,7 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
         if to_vertices {
             fitted(&mut results, &Progress::default());
         }
+        facts.pictures(&results)?;
         facts.encode(&results).map(|_| ())
     };
     let mut solution = refine::refine(&setup, &groups, &mut clock, &rehearse)?;
@@ -182,10 +197,7 @@ impl Solution {
 /// Puts light on pages: the sum of all groups, each group, and what else is asked for.
 fn results(setup: &solve::Setup<'_>, groups: &[Group], atlas: &Atlas, solution: &Solution) -> write::Results {
     let settings = setup.settings;
-    let factor = match settings.quantity {
-        Quantity::Radiosity => FRAC_1_PI,
-        Quantity::Irradiance => 1.0,
-    };
+    let factor = stored(settings.quantity);
     let lightmap = |values: &[Rgb]| on_pages(setup, atlas.pages, values, factor);
     let whole = solution.halves.irradiance();
     // A single group is the whole; it gets its file all the same where groups are asked for.
@@ -196,6 +208,15 @@ fn results(setup: &solve::Setup<'_>, groups: &[Group], atlas: &Atlas, solution: 
         aovs: layers::layers(setup, atlas.pages, solution, factor),
         lightmap: lightmap(&whole),
         vertices: None,
+        noise: vec![],
+    }
+}
+
+/// What is stored for an irradiance of 1 lx.
+fn stored(quantity: Quantity) -> f32 {
+    match quantity {
+        Quantity::Radiosity => FRAC_1_PI,
+        Quantity::Irradiance => 1.0,
     }
 }
 

@@ -19,6 +19,8 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("finish", &["base", "atlas", "patches"]),
     ("vertices", &["base", "scene", "atlas", "patches", "finish"]),
     ("output", &["base", "scene", "atlas", "finish", "vertices"]),
+    ("render", &["base", "scene", "trace", "output"]),
+    ("html", &["base", "scene", "trace", "atlas", "patches", "finish", "vertices", "output", "render"]),
 ];
 const MOST_LINES: usize = 600;
 
