@@ -66,26 +66,26 @@ fn lead(report: &Report, facts: &Facts<'_>) -> String {
         0 => String::new(),
         n => format!(" with <a href=\"#settings\">{n} changed option{}</a>", if n == 1 { "" } else { "s" }),
     };
-    format!("{target}, preset <b>{}</b>{changed}, {warnings}", escaped(facts.preset))
+    let triangles = count(report.scene.triangles);
+    format!("{target} for {triangles} triangles, preset <b>{}</b>{changed}, {warnings}", escaped(facts.preset))
 }
 
 fn tiles(report: &Report, facts: &Facts<'_>) -> String {
     let atlas = &report.atlas;
     let [width, height] = atlas.page_size;
-    let density = format!("{} texels/m", significant(f64::from(facts.texels_per_meter), 3));
+    let density = significant(f64::from(facts.texels_per_meter), 3);
     let error = report.error.estimated_nrmse.map_or("–".to_owned(), percent);
     let memory = if report.peak_memory_bytes == 0 { "–".to_owned() } else { size(report.peak_memory_bytes) };
     let used = format!("{} of the pages", percent(atlas.utilization));
     let rays = format!("{} rays", count(report.rays));
     let pages = format!("{width} × {height}, {} charts", count(atlas.charts));
-    let triangles = format!("{} triangles", count(report.scene.triangles));
     let all = [
-        ("Stated error", error, "root mean square over mean".to_owned()),
+        ("Stated error", error, "of the mean light".to_owned()),
         ("Texels", count(atlas.texels), used),
         ("Pages", count(u64::from(atlas.pages)), pages),
-        ("Density", density, triangles),
+        ("Density", density, "texels per metre".to_owned()),
         ("Time", measured(&seconds(tables::total(report))), rays),
-        ("Peak memory", measured(&memory), format!("{} lights", count(report.scene.lights))),
+        ("Peak memory", measured(&memory), "largest resident set".to_owned()),
     ];
     // Vertex light has no pages to speak of.
     let shown = all.into_iter().filter(|(name, ..)| report.vertices.is_none() || *name != "Pages");
@@ -101,7 +101,7 @@ fn sections(pictures: &Pictures, report: &Report, facts: &Facts<'_>) -> String {
     if !report.warnings.is_empty() {
         out += &section("warnings", "Warnings", &tables::warnings(&report.warnings));
     }
-    if !pictures.maps.is_empty() {
+    if !pictures.maps.pages.is_empty() {
         out += &maps(pictures, report.atlas.pages);
     }
     if !pictures.groups.is_empty() {
@@ -121,7 +121,7 @@ fn sections(pictures: &Pictures, report: &Report, facts: &Facts<'_>) -> String {
 fn views(pictures: &Pictures) -> String {
     let density = tables::legend(
         "Density of texels on surfaces; squares are single texels. Shares are of all texels.",
-        &pictures.density,
+        &pictures.maps.density,
     );
     let all: String = pictures.views.iter().enumerate().map(|(k, view)| one_view(k, view, &density)).collect();
     let more = match pictures.cameras.saturating_sub(MOST_VIEWS) {
@@ -181,14 +181,14 @@ fn chooser(id: &str, choices: &[Choice], caption: &str) -> String {
 }
 
 fn maps(pictures: &Pictures, pages: u32) -> String {
-    let density = tables::legend("Density of texels. Shares are of all texels.", &pictures.density);
+    let density = tables::legend("Density of texels. Shares are of all texels.", &pictures.maps.density);
     let dim = significant(f64::from(DIM) * 100.0, 2);
     let noise = tables::legend(
         &format!(
             "Standard error of a texel as a part of its own light, or of {dim} % of the mean light where it is darker. \
              Shares are of all texels."
         ),
-        &pictures.noise,
+        &pictures.maps.noise,
     );
     let one = |(k, map): (usize, &MapPictures)| {
         let choice = |name, html| Choice { name, html, over: false };
@@ -204,8 +204,8 @@ fn maps(pictures: &Pictures, pages: u32) -> String {
         };
         chooser(&format!("page{k}"), &choices, &format!("Page {k}{scale}"))
     };
-    let all: String = pictures.maps.iter().enumerate().map(one).collect();
-    let grid = if pictures.maps.len() > 1 { format!("<div class=\"grid\">\n{all}</div>\n") } else { all };
+    let all: String = pictures.maps.pages.iter().enumerate().map(one).collect();
+    let grid = if pictures.maps.pages.len() > 1 { format!("<div class=\"grid\">\n{all}</div>\n") } else { all };
     let more = match (pages as usize).saturating_sub(MOST_MAPS) {
         0 => String::new(),
         n => format!("<p class=\"note\">There are {n} more pages.</p>\n"),

@@ -33,14 +33,25 @@ pub(super) struct MapPictures {
     pub(super) texels_per_pixel: u32,
 }
 
-/// Pictures of the first pages; legends of density and error over all pages. `density` is the median [texels/m].
-pub(super) fn maps(subject: &Subject<'_>, density: f32) -> Result<(Vec<MapPictures>, Vec<Share>, Vec<Share>), Error> {
+/// Pages and the legends of their heat maps.
+#[derive(Debug, Default)]
+pub(super) struct Maps {
+    /// The first of them.
+    pub(super) pages: Vec<MapPictures>,
+    /// Over all pages.
+    pub(super) density: Vec<Share>,
+    /// Over all pages.
+    pub(super) noise: Vec<Share>,
+}
+
+/// All maps; `density` is the median [texels/m].
+pub(super) fn maps(subject: &Subject<'_>, density: f32) -> Result<Maps, Error> {
     let patches = subject.patches;
     let scales = [Scale::density(density), Scale::error()];
     let densities = parallel::map(patches.front, |i| 1.0 / patches.texel_edge(i).max(f32::MIN_POSITIVE));
     let exposure = exposure(subject.lightmap);
     let several = usize::from(subject.lightmap.pages.len() > 1);
-    let mut maps = vec![];
+    let mut pages = vec![];
     for (k, page) in (0..).zip(subject.lightmap.pages.iter().take(MOST_MAPS)) {
         let grid = Grid::new(page, SIDES[several]);
         let path = subject.path;
@@ -54,7 +65,7 @@ pub(super) fn maps(subject: &Subject<'_>, density: f32) -> Result<(Vec<MapPictur
         let mean = |values: &[f32], cell: &[u32]| {
             cell.iter().map(|&i| values[i as usize]).fold(0.0, |a, b| a + b) / cell.len() as f32
         };
-        maps.push(MapPictures {
+        pages.push(MapPictures {
             light: encode(path, grid.size, &grid.light(page, exposure))?,
             charts: draw(&|cell| render::chart_color(patches.chart(cell[0] as usize)))?,
             density: draw(&|cell| scales[0].color(mean(&densities, cell)).into())?,
@@ -62,9 +73,8 @@ pub(super) fn maps(subject: &Subject<'_>, density: f32) -> Result<(Vec<MapPictur
             texels_per_pixel: grid.block,
         });
     }
-    let legends = [scales[0].legend(densities.into_iter()), scales[1].legend(subject.noise.iter().copied())];
-    let [density, noise] = legends;
-    Ok((maps, density, noise))
+    let noise = scales[1].legend(subject.noise.iter().copied());
+    Ok(Maps { pages, density: scales[0].legend(densities.into_iter()), noise })
 }
 
 /// Squares of texels.

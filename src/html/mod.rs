@@ -34,7 +34,6 @@ use crate::render::{self, Lightmaps, Place};
 use crate::scene::Scene;
 use crate::trace::Tracer;
 use crate::vertices::VertexLight;
-use scale::Share;
 use std::path::Path;
 
 /// What was baked.
@@ -87,9 +86,7 @@ pub struct Pictures {
     views: Vec<views::ViewPictures>,
     /// Cameras of the document.
     cameras: usize,
-    maps: Vec<maps::MapPictures>,
-    density: Vec<Share>,
-    noise: Vec<Share>,
+    maps: maps::Maps,
     groups: Vec<groups::GroupPicture>,
 }
 
@@ -115,8 +112,8 @@ pub fn pictures(subject: &Subject<'_>) -> Result<Pictures, Error> {
         Some(view) => groups::groups(subject, view.exposure)?,
         None => vec![],
     };
-    let (maps, density, noise) = maps::maps(subject, density)?;
-    Ok(Pictures { views, cameras, maps, density, noise, groups })
+    let maps = maps::maps(subject, density)?;
+    Ok(Pictures { views, cameras, maps, groups })
 }
 
 /// A lightmap on the scene that it was baked for.
