@@ -6,6 +6,7 @@
 
 mod clock;
 mod groups;
+mod html;
 mod layers;
 mod plan;
 mod power;
@@ -20,7 +21,7 @@ use crate::output::{self, report};
 use crate::patches::{PatchGraph, Patches};
 use crate::scene::{self, Scene};
 use crate::seams::Seams;
-use crate::settings::{Quantity, Settings, Target};
+use crate::settings::{Preset, Quantity, Settings, Target};
 use crate::trace::Tracer;
 use crate::vertices;
 use clock::Clock;
@@ -38,10 +39,14 @@ pub struct Request {
     pub output: PathBuf,
     /// How.
     pub settings: Settings,
+    /// What the settings started from; the HTML report tells the two apart.
+    pub preset: Preset,
     /// Where to write the bake as USD.
     pub usd: Option<PathBuf>,
     /// Where to write the report.
     pub report: Option<PathBuf>,
+    /// Where to write the report for people.
+    pub html: Option<PathBuf>,
     /// Where to write the depfile.
     pub depfile: Option<PathBuf>,
     /// Further files that were read, for the depfile.
@@ -60,6 +65,9 @@ pub enum Error {
     /// The results cannot be written.
     #[error(transparent)]
     Output(#[from] output::Error),
+    /// There are no pictures for the report.
+    #[error(transparent)]
+    Html(#[from] crate::html::Error),
     /// Somebody asked to stop.
     #[error("interrupted; nothing was written")]
     Interrupted,
@@ -116,11 +124,16 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     let patches = clock.timed("patches", |progress| Patches::new(&tracer, &atlas, progress))?;
     let graph = clock.timed("links", |progress| PatchGraph::new(&patches, &tracer, progress))?;
     let groups = groups::groups(&scene, settings.light_groups);
-    let facts = write::Facts { request, scene: &scene, atlas: &atlas, patches: &patches };
+    let facts = write::Facts { request, tracer: &tracer, scene: &scene, atlas: &atlas, patches: &patches };
     let seams = clock.timed("seams", |progress| Seams::new(&tracer, &atlas, &patches, progress))?;
     let setup = solve::Setup { settings, tracer: &tracer, patches: &patches, graph: &graph };
-    let finished =
-        |solution: &Solution, progress: &Progress| results(&setup, &groups, &atlas, &seams, solution, progress);
+    let finished = |solution: &Solution, progress: &Progress| {
+        let mut results = results(&setup, &groups, &atlas, &seams, solution, progress);
+        if request.html.is_some() {
+            results.noise = layers::relative_error(&setup, solution);
+        }
+        results
+    };
     let fitted = |results: &mut write::Results, progress: &Progress| {
         let how = vertices::Settings { subdivide: settings.subdivide };
         results.vertices = Some(vertices::fit(&scene, &atlas, &patches, &results.lightmap, &how, progress));
@@ -131,6 +144,7 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
         if to_vertices {
             fitted(&mut results, &Progress::default());
         }
+        facts.pictures(&results)?;
         facts.encode(&results).map(|_| ())
     };
     let mut solution = refine::refine(&setup, &groups, &mut clock, &rehearse)?;
@@ -192,10 +206,7 @@ fn results(
     progress: &Progress,
 ) -> write::Results {
     let settings = setup.settings;
-    let factor = match settings.quantity {
-        Quantity::Radiosity => FRAC_1_PI,
-        Quantity::Irradiance => 1.0,
-    };
+    let factor = stored(settings.quantity);
     let whole = solution.halves.irradiance();
     let mut lightmap = on_pages(setup, atlas.pages, &whole, factor);
     let step_before = seams.steps(setup.patches, &lightmap);
@@ -217,6 +228,15 @@ fn results(
         steps: [step_before, seams.steps(setup.patches, &lightmap)],
         lightmap,
         vertices: None,
+        noise: vec![],
+    }
+}
+
+/// What is stored for an irradiance of 1 lx.
+fn stored(quantity: Quantity) -> f32 {
+    match quantity {
+        Quantity::Radiosity => FRAC_1_PI,
+        Quantity::Irradiance => 1.0,
     }
 }
 

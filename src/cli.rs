@@ -60,6 +60,9 @@ pub struct Bake {
     /// Write a JSON report of the bake
     #[arg(long, value_name = "FILE", help_heading = "Run")]
     pub report: Option<PathBuf>,
+    /// Write a report for people, one HTML page: pictures, heat maps, times, warnings
+    #[arg(long, value_name = "FILE", help_heading = "Run")]
+    pub html: Option<PathBuf>,
     /// Write a make-style rule: outputs depend on the files that were read
     #[arg(long, value_name = "FILE", help_heading = "Run")]
     pub depfile: Option<PathBuf>,

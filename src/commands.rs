@@ -11,7 +11,7 @@ use texelwalk::output::{atomic, exr, png};
 use texelwalk::render::{Lightmaps, View};
 use texelwalk::scene;
 use texelwalk::settings::{Options, Target};
-use texelwalk::{compare, inspect, output, render};
+use texelwalk::{compare, html, inspect, output, render};
 
 /// Exit codes; a contract with build systems.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -62,8 +62,10 @@ pub(crate) fn bake(typed: cli::Bake) -> Outcome {
         input: typed.input,
         output: typed.output,
         settings,
+        preset: typed.preset,
         usd: typed.usd,
         report: typed.report,
+        html: typed.html,
         depfile: typed.depfile,
         also_read,
     };
@@ -93,7 +95,8 @@ fn bake_exit(error: &bake::Error) -> Exit {
     match error {
         bake::Error::Scene(e) => scene_exit(e),
         bake::Error::Atlas(_) => Exit::Failed,
-        bake::Error::Output(e) => output_exit(e),
+        bake::Error::Output(e) | bake::Error::Html(html::Error::Output(e)) => output_exit(e),
+        bake::Error::Html(html::Error::Render(_)) => Exit::Failed,
         bake::Error::Interrupted => Exit::Interrupted,
     }
 }

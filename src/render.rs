@@ -21,8 +21,9 @@ mod lightmap;
 mod overlay;
 
 pub use camera::View;
-pub use lightmap::Lightmaps;
+pub use lightmap::{Lightmaps, Place};
 pub use overlay::Overlay;
+pub(crate) use overlay::{chart_color, density_color, median_density};
 
 use crate::base::Rgb;
 use crate::base::Stream;
@@ -43,7 +44,7 @@ pub const KEY: f32 = 0.22;
 pub const WHITE: f32 = 6.0;
 
 /// Linear display value of the neutral background.
-const NEUTRAL: f32 = 0.05;
+pub(crate) const NEUTRAL: f32 = 0.05;
 
 /// Backs that a ray passes before it counts as lost: only broken geometry has more of them in a row.
 const MAX_PASSES: usize = 64;
@@ -120,12 +121,27 @@ pub enum Error {
 /// If the camera does not exist or the size is out of range.
 pub fn render(scene: &Scene, lightmaps: &Lightmaps, settings: &Settings) -> Result<Picture, Error> {
     let Settings { width, height, samples, .. } = *settings;
+    let mut pictures = series(&Tracer::new(scene), lightmaps, settings, &[settings.overlay])?;
+    pictures.pop().ok_or(Error::Size { width, height, samples })
+}
+
+/// One picture for each of `overlays`, by the same rays and with the same exposure; that of the settings is not used.
+///
+/// # Errors
+/// As for [`render`].
+pub fn series(
+    tracer: &Tracer<'_>,
+    lightmaps: &Lightmaps,
+    settings: &Settings,
+    overlays: &[Overlay],
+) -> Result<Vec<Picture>, Error> {
+    let Settings { width, height, samples, .. } = *settings;
     let in_range = |n: u32| (1..=32768).contains(&n);
     if !in_range(width) || !in_range(height) || !(1..=65536).contains(&samples) {
         return Err(Error::Size { width, height, samples });
     }
-    let tracer = Tracer::new(scene);
-    let shot = Shot { scene, lightmaps, tracer: &tracer, painter: Painter::new(scene, lightmaps, settings.overlay) };
+    let shot = Shot { scene: tracer.scene(), lightmaps, tracer };
+    let painters: Vec<Painter<'_>> = overlays.iter().map(|&o| Painter::new(shot.scene, lightmaps, o)).collect();
     let aspect = width as f32 / height as f32;
     let eye = camera::eye(&shot, settings.view, aspect)?;
     let size = [width as usize, height as usize];
@@ -137,23 +153,33 @@ pub fn render(scene: &Scene, lightmaps: &Lightmaps, settings: &Settings) -> Resu
     let factor = libm::exp2f(exposure);
     let value = |seen: &Seen| if settings.linear { seen.radiance() } else { seen.display(factor) };
     let strata = (1..).find(|n| n * n >= samples).unwrap_or(1);
-    let (pixels, coverage) = parallel::map(size[0] * size[1], |i| {
-        let (mut sum, mut surfaces) = (Rgb::ZERO, 0);
+    let rays = (strata * strata) as f32;
+    let pixels = parallel::map(size[0] * size[1], |i| {
+        let mut shown = vec![(Rgb::ZERO, 0); painters.len()];
         let mut random = Stream::new(0, Stage::Render, i as u64, 0);
         for s in 0..strata * strata {
             let (sx, sy) = ((s % strata) as f32, (s / strata) as f32);
             let dx = (sx + random.next_f32()) / strata as f32;
             let dy = (sy + random.next_f32()) / strata as f32;
-            let seen = shot.look(&eye.through(i, size, [dx, dy]));
-            sum += value(&seen);
-            surfaces += u32::from(!matches!(seen, Seen::Sky(_) | Seen::Nothing));
+            let ray = eye.through(i, size, [dx, dy]);
+            let hit = shot.first_hit(&ray);
+            for (painter, (sum, surfaces)) in painters.iter().zip(&mut shown) {
+                let seen = shot.look(&ray, hit.as_ref(), painter);
+                *sum += value(&seen);
+                *surfaces += u32::from(!matches!(seen, Seen::Sky(_) | Seen::Nothing));
+            }
         }
-        let rays = (strata * strata) as f32;
-        ((sum / rays).to_array(), surfaces as f32 / rays)
-    })
-    .into_iter()
-    .unzip();
-    Ok(Picture { width, height, pixels, coverage, exposure, camera: eye.name })
+        shown
+    });
+    let picture = |k: usize| Picture {
+        width,
+        height,
+        pixels: pixels.iter().map(|shown| (shown[k].0 / rays).to_array()).collect(),
+        coverage: pixels.iter().map(|shown| shown[k].1 as f32 / rays).collect(),
+        exposure,
+        camera: eye.name.clone(),
+    };
+    Ok((0..painters.len()).map(picture).collect())
 }
 
 /// What a ray from the camera shows.
@@ -194,7 +220,6 @@ struct Shot<'a> {
     scene: &'a Scene,
     lightmaps: &'a Lightmaps,
     tracer: &'a Tracer<'a>,
-    painter: Painter<'a>,
 }
 
 impl Shot<'_> {
@@ -213,8 +238,9 @@ impl Shot<'_> {
         None
     }
 
-    fn look(&self, ray: &Ray) -> Seen {
-        let Some(hit) = self.first_hit(ray) else {
+    /// What is seen where a ray met its first hit.
+    fn look(&self, ray: &Ray, hit: Option<&Hit>, painter: &Painter<'_>) -> Seen {
+        let Some(hit) = hit else {
             let sky = &self.scene.sky;
             return if sky.is_black() {
                 Seen::Nothing
@@ -222,9 +248,14 @@ impl Shot<'_> {
                 Seen::Sky(sky.radiance(ray.direction.normalize_or_zero()))
             };
         };
-        if let Some(color) = self.painter.color(&hit, ray) {
+        if let Some(color) = painter.color(hit, ray) {
             return Seen::Painted(color);
         }
+        self.lit(hit)
+    }
+
+    /// A surface under its baked light.
+    fn lit(&self, hit: &Hit) -> Seen {
         if self.scene.material(hit.triangle).unlit {
             return Seen::Painted(self.scene.base_color(hit.triangle, hit.b).truncate());
         }
@@ -235,9 +266,12 @@ impl Shot<'_> {
 
     /// Stops that map the log-average of what is lit to [`KEY`]; 0 if nothing is.
     fn auto_exposure(&self, eye: &Eye, size: [usize; 2]) -> f32 {
-        let values = parallel::map(size[0] * size[1], |i| match self.look(&eye.through(i, size, [0.5, 0.5])) {
-            Seen::Surface(reflected, _) => f64::from(luminance(reflected)),
-            _ => 0.0,
+        let values = parallel::map(size[0] * size[1], |i| {
+            let hit = self.first_hit(&eye.through(i, size, [0.5, 0.5]));
+            match hit.map(|hit| self.lit(&hit)) {
+                Some(Seen::Surface(reflected, _)) => f64::from(luminance(reflected)),
+                _ => 0.0,
+            }
         });
         // Unlit corners would pull a logarithm down without end, so everything below a thousandth of the mean is left
         // out.
@@ -253,7 +287,7 @@ impl Shot<'_> {
 }
 
 /// The tone curve: 0 ↦ 0, [`WHITE`] ↦ 1, clamped beyond.
-fn tone(color: Rgb) -> Rgb {
+pub(crate) fn tone(color: Rgb) -> Rgb {
     let c = color.max(Rgb::ZERO);
     (c * (Rgb::ONE + c / (WHITE * WHITE)) / (Rgb::ONE + c)).min(Rgb::ONE)
 }

@@ -131,6 +131,23 @@ fn emission_sky_backs_and_missing_lightmaps() {
     shows(&render(&scene, &none, &settings(4)).unwrap(), 1, 1, [0.5; 3]);
 }
 
+#[test]
+fn a_plain_picture_needs_no_light_and_a_series_shares_its_rays() {
+    let mut scene = square();
+    let plain = Settings { overlay: Overlay::Plain, ..settings(4) };
+    shows(&render(&scene, &Lightmaps::default(), &plain).unwrap(), 1, 1, [0.5; 3]);
+    scene.materials[0].emission = Vec3::new(0.0, 0.25, 3.0);
+    let lit = Lightmaps::new(vec![page(4, |_, _| 1.2)], &[Some((0, 1, core::f32::consts::PI))]);
+    shows(&render(&scene, &lit, &plain).unwrap(), 1, 1, [0.5, 0.75, 1.0]);
+    let overlays = [Overlay::Charts, Overlay::None, Overlay::Plain];
+    let series =
+        texelwalk::render::series(&texelwalk::trace::Tracer::new(&scene), &lit, &settings(4), &overlays).unwrap();
+    for (picture, overlay) in series.iter().zip(overlays) {
+        assert_eq!(picture, &render(&scene, &lit, &Settings { overlay, ..settings(4) }).unwrap());
+    }
+    assert!(series.len() == 3 && series[0] != series[1] && series[1] != series[2]);
+}
+
 /// The twelve triangles of a box with its fronts outward, or inward.
 fn box_triangles(inward: bool) -> Vec<[Vec3; 3]> {
     let corner = |i: u32| Vec3::new((i & 1) as f32 * 4.0, (i >> 1 & 1) as f32 * 3.0, (i >> 2 & 1) as f32 * 5.0);

@@ -20,6 +20,8 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("seams", &["base", "scene", "trace", "atlas", "patches", "finish"]),
     ("vertices", &["base", "scene", "atlas", "patches", "finish"]),
     ("output", &["base", "scene", "atlas", "finish", "vertices"]),
+    ("render", &["base", "scene", "trace", "output"]),
+    ("html", &["base", "scene", "trace", "atlas", "patches", "finish", "vertices", "output", "render"]),
 ];
 const MOST_LINES: usize = 600;
 

@@ -14,8 +14,9 @@
 
 use super::Solution;
 use super::solve::{Setup, mean};
-use crate::base::{Rgb, parallel};
+use crate::base::{Rgb, color, parallel};
 use crate::finish::{self, Lightmap, Page};
+use crate::html::DIM;
 use crate::output::exr::AovLayer;
 use crate::settings::Aov;
 
@@ -96,6 +97,15 @@ fn standard_error(setup: &Setup<'_>, solution: &Solution) -> Vec<Rgb> {
     let [direct, indirect] = [0, 1].map(|k: usize| solution.errors[k].expected(setup.patches, setup.graph));
     let one = |i: usize| ((direct[i].max(0.0) + indirect[i].max(0.0)) / 3.0).sqrt();
     parallel::map(setup.patches.front, |i| Rgb::splat(one(i)))
+}
+
+/// Standard error of each front patch as a part of its light, or of [`DIM`] of the mean light where it is darker.
+pub(super) fn relative_error(setup: &Setup<'_>, solution: &Solution) -> Vec<f32> {
+    let front = setup.patches.front;
+    let light = |i: usize| color::mean(solution.halves.at(i)).max(0.0);
+    let least = DIM * (parallel::sum(front, |i| f64::from(light(i))) / front.max(1) as f64) as f32;
+    let errors = standard_error(setup, solution);
+    parallel::map(front, |i| errors[i].x / light(i).max(least).max(f32::MIN_POSITIVE))
 }
 
 fn layer_of(layer: &Layer, page: &Page) -> AovLayer {

@@ -10,6 +10,7 @@ use crate::patches::Patches;
 use crate::scene::Scene;
 use crate::seams::Steps;
 use crate::settings::{Quantity, Settings, VertexAttribute};
+use crate::trace::Tracer;
 use crate::vertices::{Fit, VertexLight};
 use std::path::PathBuf;
 
@@ -19,6 +20,7 @@ const GENERATOR: &str = concat!("texelwalk ", env!("CARGO_PKG_VERSION"));
 /// What files are made from, besides light.
 pub(super) struct Facts<'a> {
     pub(super) request: &'a Request,
+    pub(super) tracer: &'a Tracer<'a>,
     pub(super) scene: &'a Scene,
     pub(super) atlas: &'a Atlas,
     pub(super) patches: &'a Patches,
@@ -35,6 +37,8 @@ pub(super) struct Results {
     pub(super) steps: [Steps; 2],
     /// Light at vertices instead of pages, if that is the target.
     pub(super) vertices: Option<VertexLight>,
+    /// Error of every front patch as a part of its light, if the HTML report is wanted.
+    pub(super) noise: Vec<f32>,
 }
 
 type File = (PathBuf, Vec<u8>);
@@ -51,8 +55,16 @@ impl Facts<'_> {
         let inputs: Vec<PathBuf> = self.scene.document.files_read.iter().chain(&request.also_read).cloned().collect();
         let (mut files, more) = clock.timed("encode", |_| self.encode(&results))??;
         warnings.extend(more);
-        let outputs: Vec<PathBuf> = files.iter().map(|(path, _)| path.clone()).collect();
+        let pictures = match &request.html {
+            Some(_) => clock.timed("pictures", |_| self.pictures(&results))??,
+            None => None,
+        };
+        let outputs: Vec<PathBuf> = files.iter().map(|(path, _)| path).chain(&request.html).cloned().collect();
         let report = self.report(solution, &results, clock, [&outputs, &inputs], warnings);
+        if let Some((path, pictures)) = request.html.clone().zip(pictures) {
+            let html = self.html(&pictures, &report, &files);
+            files.push((path, html));
+        }
         if let Some(path) = &request.report {
             files.push((path.clone(), report.to_json(path)?));
         }
@@ -174,7 +186,7 @@ impl Facts<'_> {
         [outputs, inputs]: [&[PathBuf]; 2],
         warnings: Vec<Warning>,
     ) -> report::Report {
-        let Facts { request, scene, atlas, patches } = self;
+        let Facts { request, scene, atlas, patches, .. } = self;
         let text = |paths: &[PathBuf]| paths.iter().map(|p| p.display().to_string()).collect();
         let rays = solution.power.lines + solution.gather_rays + solution.shadow_rays;
         let tracing = |s: &&report::Stage| ["direct", "walk", "gather"].contains(&s.name.as_str());

@@ -13,6 +13,7 @@ pub mod depfile;
 pub mod exr;
 pub mod formats;
 pub mod gltf;
+pub mod jpeg;
 pub mod names;
 pub mod png;
 pub mod report;

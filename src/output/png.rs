@@ -2,6 +2,7 @@
 
 use super::Error;
 use crate::base::color::linear_to_srgb;
+use crate::base::parallel;
 use crate::finish::Page;
 use image::ImageEncoder;
 use image::codecs::png::CompressionType;
@@ -24,11 +25,13 @@ pub fn preview(path: &Path, page: &Page) -> Result<Vec<u8>, Error> {
 /// # Errors
 /// If it cannot be encoded, or `pixels` does not fit `size`.
 pub fn picture(path: &Path, size: [u32; 2], pixels: &[[f32; 3]]) -> Result<Vec<u8>, Error> {
-    let bytes: Vec<u8> = pixels
-        .iter()
-        .flat_map(|p| p.map(|v| to_byte(linear_to_srgb(if v > 0.0 { v.min(1.0) } else { 0.0 }))))
-        .collect();
-    encode(path, size, &bytes)
+    encode(path, size, &srgb_bytes(pixels))
+}
+
+/// Linear values, clamped to [0, 1], as sRGB.
+pub(super) fn srgb_bytes(pixels: &[[f32; 3]]) -> Vec<u8> {
+    let byte = |v: f32| to_byte(linear_to_srgb(if v > 0.0 { v.min(1.0) } else { 0.0 }));
+    parallel::map_light(pixels.len(), |i| pixels[i].map(byte)).into_flattened()
 }
 
 /// Nearest of 256 steps; not-a-number becomes 0.

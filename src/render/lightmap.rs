@@ -4,6 +4,8 @@
 //! lists formats; then the most exact one is read. Texel × `intensity` is irradiance. The PNG of the texture is not
 //! used: it is clamped. Light at vertices is the attribute `_LIGHTMAP` of a primitive, in the quantity that
 //! `extras.lightmap` of its scene names.
+//!
+//! What was baked just now needs no document: [`Lightmaps::placed`] and [`Lightmaps::at_vertices`].
 
 use crate::base::Rgb;
 use crate::base::bilinear::bilinear;
@@ -24,6 +26,21 @@ pub struct Lightmaps {
     materials: Vec<Option<Lightmap>>,
     /// Irradiance at vertices by part [lx]; empty for parts without.
     vertices: Vec<Vec<Rgb>>,
+    /// By triangle, where no material tells.
+    places: Vec<Option<Place>>,
+    /// Irradiance of a texel of 1 at those [lx].
+    intensity: f32,
+}
+
+/// Where a triangle lies on the pages.
+#[derive(Debug, Clone, Copy)]
+pub struct Place {
+    /// Page.
+    pub page: u32,
+    /// Number of its chart.
+    pub chart: u32,
+    /// Its corners [texels].
+    pub corners: [Vec2; 3],
 }
 
 /// A material's lightmap.
@@ -107,7 +124,29 @@ impl Lightmaps {
     #[must_use]
     pub fn new(pages: Vec<ImageF32>, materials: &[Option<(usize, usize, f32)>]) -> Self {
         let lightmap = |&(page, uv_set, intensity): &(usize, usize, f32)| Lightmap { page, uv_set, intensity };
-        Self { pages, materials: materials.iter().map(|m| m.as_ref().map(lightmap)).collect(), vertices: vec![] }
+        Self { pages, materials: materials.iter().map(|m| m.as_ref().map(lightmap)).collect(), ..Self::default() }
+    }
+
+    /// Pages with a place for every triangle of the scene; a texel of 1 is an irradiance of `intensity` [lx].
+    #[must_use]
+    pub fn placed(pages: Vec<ImageF32>, places: Vec<Option<Place>>, intensity: f32) -> Self {
+        Self { pages, places, intensity, ..Self::default() }
+    }
+
+    /// Irradiance at the vertices of every part [lx]; empty for parts without.
+    #[must_use]
+    pub fn at_vertices(vertices: Vec<Vec<Rgb>>) -> Self {
+        Self { vertices, ..Self::default() }
+    }
+
+    /// Chart of a triangle, where the atlas has told.
+    #[must_use]
+    pub fn chart(&self, triangle: u32) -> Option<u32> {
+        self.place(triangle).map(|place| place.chart)
+    }
+
+    fn place(&self, triangle: u32) -> Option<&Place> {
+        self.places.get(triangle as usize)?.as_ref()
     }
 
     /// No material and no vertex has one.
@@ -122,15 +161,21 @@ impl Lightmaps {
         if let Some([e0, e1, e2]) = self.corners(scene, triangle) {
             return Some(e0 * (1.0 - b.x - b.y) + e1 * b.x + e2 * b.y);
         }
-        let (lightmap, page) = self.of(scene, triangle)?;
         let [p0, p1, p2] = self.texels(scene, triangle)?;
         let at = p0 * (1.0 - b.x - b.y) + p1 * b.x + p2 * b.y;
-        Some(bilinear(page.width, page.height, &page.pixels, at) * lightmap.intensity)
+        let (intensity, page) = match self.place(triangle) {
+            Some(place) => (self.intensity, self.pages.get(place.page as usize)?),
+            None => self.of(scene, triangle).map(|(lightmap, page)| (lightmap.intensity, page))?,
+        };
+        Some(bilinear(page.width, page.height, &page.pixels, at) * intensity)
     }
 
     /// Lightmap position of a triangle's corners [texels]; `None` without a lightmap.
     #[must_use]
     pub fn texels(&self, scene: &Scene, triangle: u32) -> Option<[Vec2; 3]> {
+        if let Some(place) = self.place(triangle) {
+            return Some(place.corners);
+        }
         let (lightmap, page) = self.of(scene, triangle)?;
         let set = scene.vertices.uv.get(lightmap.uv_set)?;
         let size = Vec2::new(page.width as f32, page.height as f32);

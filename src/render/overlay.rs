@@ -1,8 +1,8 @@
-//! Pictures of the lightmap's layout instead of its light: charts, or texel density.
+//! Pictures of something else than baked light: charts, texel density, or surfaces as viewers without a bake show them.
 //!
-//! A chart here is what the document shows of one: triangles that share vertices. Density is texels per metre on the
-//! surface, from blue (an eighth of the median over the area or less) over green (the median) to red (eight times or
-//! more), under a checkerboard of single texels.
+//! A chart is what the atlas says, or what a document shows of one: triangles that share vertices. Density is texels per
+//! metre on the surface, from blue (an eighth of the median over the area or less) over green (the median) to red (eight
+//! times or more), under a checkerboard of single texels. Plain is base colour under a lamp at the camera, and emission.
 
 use super::Lightmaps;
 use crate::base::Rgb;
@@ -23,6 +23,8 @@ pub enum Overlay {
     Charts,
     /// Texels, coloured by density.
     Density,
+    /// Base colour under a lamp at the camera, as viewers show what was not baked.
+    Plain,
 }
 
 /// Colours surfaces for an overlay.
@@ -50,21 +52,36 @@ impl<'a> Painter<'a> {
         }
         let facing = self.scene.geometric_normal(hit.triangle).dot(ray.direction.normalize_or_zero()).abs();
         let shade = 0.35 + 0.65 * facing;
+        if self.overlay == Overlay::Plain {
+            let base = self.scene.base_color(hit.triangle, hit.b).truncate();
+            return Some(base * shade + self.scene.emission(hit.triangle, hit.b));
+        }
         let Some(corners) = self.lightmaps.texels(self.scene, hit.triangle) else {
             return Some(Rgb::splat(0.1 * shade));
         };
         let color = if self.overlay == Overlay::Charts {
             let v = self.scene.triangles[hit.triangle as usize][0] as usize;
-            let hash = mix(u64::from(self.chart.get(v).copied().unwrap_or(0)) + 1);
-            rainbow(unit_f32(hash as u32)) * (0.4 + 0.6 * unit_f32((hash >> 32) as u32))
+            let of_document = || self.chart.get(v).copied().unwrap_or(0);
+            chart_color(self.lightmaps.chart(hit.triangle).unwrap_or_else(of_document))
         } else {
             let at = corners[0] * (1.0 - hit.b.x - hit.b.y) + corners[1] * hit.b.x + corners[2] * hit.b.y;
             let odd = (at.x.floor() as i64 + at.y.floor() as i64) & 1;
             let stops = libm::log2f(density(self.scene, hit.triangle, corners) / self.density.max(f32::MIN_POSITIVE));
-            rainbow(((3.0 - stops) / 6.0).clamp(0.0, 1.0) * 0.66) * if odd == 0 { 1.0 } else { 0.6 }
+            density_color(stops) * if odd == 0 { 1.0 } else { 0.6 }
         };
         Some(color * shade)
     }
+}
+
+/// Linear display colour that stands for a chart.
+pub(crate) fn chart_color(chart: u32) -> Rgb {
+    let hash = mix(u64::from(chart) + 1);
+    rainbow(unit_f32(hash as u32)) * (0.4 + 0.6 * unit_f32((hash >> 32) as u32))
+}
+
+/// Linear display colour of a density that is this many powers of two above the median; blue at −3, red at 3.
+pub(crate) fn density_color(stops: f32) -> Rgb {
+    rainbow(((3.0 - stops) / 6.0).clamp(0.0, 1.0) * 0.66)
 }
 
 /// Hue 0 = red, 1/3 = green, 2/3 = blue.
@@ -83,7 +100,8 @@ fn density(scene: &Scene, triangle: u32, [a, b, c]: [Vec2; 3]) -> f32 {
     if area > 0.0 { (texels / area).sqrt() as f32 } else { 0.0 }
 }
 
-fn median_density(scene: &Scene, lightmaps: &Lightmaps) -> f32 {
+/// Median over the area that has texels [texels/m]; 1 where nothing has.
+pub(crate) fn median_density(scene: &Scene, lightmaps: &Lightmaps) -> f32 {
     let mut all: Vec<(f32, f64)> = (0..scene.triangles.len() as u32)
         .filter_map(|t| Some((density(scene, t, lightmaps.texels(scene, t)?), scene.area(t))))
         .filter(|(d, _)| *d > 0.0)

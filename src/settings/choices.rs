@@ -20,6 +20,17 @@ impl Preset {
     /// All of them.
     pub const ALL: [Self; 4] = [Self::Preview, Self::Production, Self::Final, Self::Paper];
 
+    /// Its name in options.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Preview => "preview",
+            Self::Production => "production",
+            Self::Final => "final",
+            Self::Paper => "paper",
+        }
+    }
+
     /// The file's text.
     pub(super) fn text(self) -> &'static str {
         match self {
