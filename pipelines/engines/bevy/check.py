@@ -21,6 +21,7 @@ import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
+from urllib.parse import unquote
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parents[1] / "checks"))
@@ -46,7 +47,7 @@ SCENES = {
     "cornell": ("cornell/cornell.gltf", None, []),
     "office": ("office/office.glb", None, ["--page-size", "64"]),
     "courtyard": ("courtyard/courtyard.gltf", "Overview", ["--sky", "0.4,0.5,0.7"]),
-    "primitives": ("primitives/primitives.gltf", "Perspective", []),
+    "chairs": ("chairs/chairs.glb", None, ["--quantity", "irradiance"]),
 }
 
 
@@ -66,10 +67,10 @@ def run(what, command, **more):
 
 
 def build():
-    """Compiles the example; returns the program."""
-    target = Path(os.environ.get("CARGO_TARGET_DIR", environment.ROOT / "target" / "bevy"))
+    """Compiles the example where .cargo/config.toml says; returns the program."""
+    target = HERE / os.environ.get("CARGO_TARGET_DIR", environment.ROOT / "target" / "bevy")
     sys.stderr.write(f"compiling Bevy into {target} (minutes, the first time)\n")
-    run("compiling the example", ["cargo", "build", "--locked"], cwd=HERE, env=os.environ | {"CARGO_TARGET_DIR": str(target)})
+    run("compiling the example", ["cargo", "build", "--locked"], cwd=HERE)
     return target / "debug" / "texelwalk-bevy"
 
 
@@ -102,7 +103,7 @@ def expected(document):
             if reference is None:
                 unlit[node, material.get("name")] += 1
                 continue
-            page = document["textures"][int(reference["index"])]["extras"]["lightmap"]["uri"]
+            page = unquote(document["textures"][int(reference["index"])]["extras"]["lightmap"]["uri"])
             factor = float(reference.get("intensity", 1)) / math.pi
             lit[node, material.get("name"), page, f"{factor:.5f}"] += 1
     return lit, unlit
@@ -165,19 +166,20 @@ def brighten(page, factor):
 
 def brighter(baked):
     for page in GltfFile(baked).lightmap_pages():
-        brighten(baked.with_name(page["uri"]), 1.05)
+        brighten(baked.with_name(unquote(page["uri"])), 1.05)
     return baked
 
 
 def without_one(baked):
     gltf = GltfFile(baked)
-    first = next(m for m in gltf.json["materials"] if "MOZ_lightmap" in m.get("extensions", {}))
+    document = json.loads(gltf.text)
+    first = next(m for m in document["materials"] if "MOZ_lightmap" in m.get("extensions", {}))
     del first["extensions"]["MOZ_lightmap"]
-    return rewritten(gltf, gltf.json, baked.parent)
+    return rewritten(gltf, document, baked.parent)
 
 
 def swapped(baked):
-    one, other = [baked.with_name(p["uri"]) for p in GltfFile(baked).lightmap_pages()[:2]]
+    one, other = [baked.with_name(unquote(p["uri"])) for p in GltfFile(baked).lightmap_pages()[:2]]
     between = baked.with_name("between.exr")
     one.rename(between)
     other.rename(one)
@@ -191,7 +193,8 @@ def baked_scene(texelwalk, name):
     folder = OUT / name
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    baked, view = folder / f"{name}.glb", folder / "view.exr"
+    # The space must be escaped in URIs.
+    baked, view = folder / f"baked {name}.glb", folder / "view.exr"
     source = environment.ROOT / "fixtures" / file
     run(f"baking {name}", [texelwalk, "bake", source, "-o", baked, "--preset", "preview", "-q", *options])
     names = [node.get("name", f"GltfNode{n}") for n, node in enumerate(GltfFile(baked).json["nodes"]) if "camera" in node]

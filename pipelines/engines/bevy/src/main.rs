@@ -11,7 +11,7 @@ mod shot;
 
 use arguments::Arguments;
 use bevy::app::{AppExit, ScheduleRunnerPlugin};
-use bevy::asset::AssetPlugin;
+use bevy::asset::{AssetPlugin, UnapprovedPathMode};
 use bevy::log::LogPlugin;
 use bevy::prelude::*;
 use bevy::render::RenderPlugin;
@@ -43,9 +43,11 @@ fn with_folder(arguments: Arguments) -> Result<(Arguments, String), String> {
 /// Bevy's own plugins, with frames as fast as they come.
 fn without_window(folder: String) -> bevy::app::PluginGroupBuilder {
     let window = WindowPlugin { primary_window: None, exit_condition: ExitCondition::DontExit, ..default() };
+    // A document may name pictures outside of its folder.
+    let assets = AssetPlugin { file_path: folder, unapproved_path_mode: UnapprovedPathMode::Allow, ..default() };
     DefaultPlugins
         .set(window)
-        .set(AssetPlugin { file_path: folder, ..default() })
+        .set(assets)
         .set(LogPlugin { filter: "warn,wgpu_hal=error".into(), ..default() })
         // A picture must not be taken while a shader is still being compiled.
         .set(RenderPlugin { synchronous_pipeline_compilation: true, ..default() })
