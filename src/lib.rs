@@ -16,7 +16,8 @@
 //! other. [`light`] finds direct light, [`walk`] all bounces, [`mod@gather`] the last bounce once more per texel.
 //! [`finish`] shares noisy light between neighbours, fills pages and dilates them. [`vertices`] fits light at the
 //! vertices to the pages, where that is what is wanted. [`output`] turns results into bytes
-//! and puts them on the disk together. [`mod@inspect`], [`mod@compare`] and [`mod@render`] look at inputs and results.
+//! and puts them on the disk together. [`mod@inspect`], [`mod@compare`], [`mod@render`] and [`mod@check`] look at inputs
+//! and results.
 //! [`settings`] says what the options of [`cli`] mean.
 //!
 //! # Units
@@ -79,6 +80,7 @@
 pub mod atlas;
 pub mod bake;
 pub mod base;
+pub mod check;
 pub mod cli;
 pub mod compare;
 pub mod finish;

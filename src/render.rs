@@ -20,7 +20,7 @@ mod camera;
 mod lightmap;
 mod overlay;
 
-pub use camera::View;
+pub use camera::{Toward, View};
 pub use lightmap::Lightmaps;
 pub use overlay::Overlay;
 
@@ -41,6 +41,9 @@ pub const KEY: f32 = 0.22;
 
 /// Value before the tone curve that becomes white.
 pub const WHITE: f32 = 6.0;
+
+/// Reflectance of every surface where only light is shown.
+const PLASTER: Rgb = Rgb::splat(0.7);
 
 /// Linear display value of the neutral background.
 const NEUTRAL: f32 = 0.05;
@@ -229,8 +232,10 @@ impl Shot<'_> {
             return Seen::Painted(self.scene.base_color(hit.triangle, hit.b).truncate());
         }
         let irradiance = self.lightmaps.irradiance(self.scene, hit.triangle, hit.b).unwrap_or(Rgb::ZERO);
-        let reflected = self.scene.reflectance(hit.triangle, hit.b) * irradiance * core::f32::consts::FRAC_1_PI;
-        Seen::Surface(reflected, self.scene.emission(hit.triangle, hit.b))
+        let bare = self.painter.overlay() == Overlay::Light;
+        let reflectance = if bare { PLASTER } else { self.scene.reflectance(hit.triangle, hit.b) };
+        let emission = if bare { Rgb::ZERO } else { self.scene.emission(hit.triangle, hit.b) };
+        Seen::Surface(reflectance * irradiance * core::f32::consts::FRAC_1_PI, emission)
     }
 
     /// Stops that map the log-average of what is lit to [`KEY`]; 0 if nothing is.

@@ -19,6 +19,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("finish", &["base", "atlas", "patches"]),
     ("vertices", &["base", "scene", "atlas", "patches", "finish"]),
     ("output", &["base", "scene", "atlas", "finish", "vertices"]),
+    ("check", &["base", "scene", "trace", "atlas", "patches", "vertices", "output", "render"]),
 ];
 const MOST_LINES: usize = 600;
 

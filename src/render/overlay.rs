@@ -13,16 +13,18 @@ use crate::trace::Hit;
 use crate::trace::Ray;
 use glam::Vec2;
 
-/// What to show instead of light.
+/// What to show instead of light on materials.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum Overlay {
-    /// Light.
+    /// Light on materials.
     #[default]
     None,
     /// A colour per chart.
     Charts,
     /// Texels, coloured by density.
     Density,
+    /// Light without the colours of materials, as on plaster.
+    Light,
 }
 
 /// Colours surfaces for an overlay.
@@ -43,9 +45,14 @@ impl<'a> Painter<'a> {
         Self { scene, lightmaps, overlay, chart, density }
     }
 
+    /// What is shown.
+    pub(super) fn overlay(&self) -> Overlay {
+        self.overlay
+    }
+
     /// Linear display colour of a hit; `None` = show the light.
     pub(super) fn color(&self, hit: &Hit, ray: &Ray) -> Option<Rgb> {
-        if self.overlay == Overlay::None {
+        if matches!(self.overlay, Overlay::None | Overlay::Light) {
             return None;
         }
         let facing = self.scene.geometric_normal(hit.triangle).dot(ray.direction.normalize_or_zero()).abs();
