@@ -174,6 +174,8 @@ pub(super) struct Tally {
     pub(super) count: u64,
     /// Things that were looked at.
     pub(super) of: u64,
+    /// Above it a thing counts.
+    limit: f64,
     /// The worst spots, worst first.
     spots: Vec<Spot>,
     /// Values with weights, for percentiles.
@@ -184,6 +186,7 @@ impl Tally {
     /// Looks at one thing; it is counted if its value is above `limit`.
     pub(super) fn look(&mut self, value: f64, limit: f64, point: impl FnOnce() -> SurfacePoint) {
         self.of += 1;
+        self.limit = limit;
         self.count += u64::from(value > limit);
         let least = if self.spots.len() < CANDIDATES { 0.0 } else { self.spots[CANDIDATES - 1].value };
         if value > least {
@@ -204,6 +207,7 @@ impl Tally {
         for chunk in chunks {
             all.count += chunk.count;
             all.of += chunk.of;
+            all.limit = all.limit.max(chunk.limit);
             all.spots.extend(chunk.spots);
             all.values.extend(chunk.values);
         }
@@ -246,10 +250,11 @@ impl Tally {
         }
     }
 
-    /// The worst spots that are apart from each other.
+    /// The worst spots that are apart from each other; where some count, none that does not.
     fn places(&self, subject: &Subject<'_>) -> Vec<Place> {
         let mut places: Vec<Place> = vec![];
-        for spot in &self.spots {
+        let counts = |s: &&Spot| self.count == 0 || s.value > self.limit;
+        for spot in self.spots.iter().filter(counts) {
             let place = subject.place(spot);
             let apart = |p: &Place| Vec3::from(p.position).distance(place.position.into()) > 2.0 * place.scale;
             if places.len() < PLACES && places.iter().all(apart) {

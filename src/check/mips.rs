@@ -2,8 +2,8 @@
 //!
 //! In: pages with boxes of 2ᵏ × 2ᵏ texels averaged, as graphics libraries make mip levels. At the middle of every texel at
 //! the border of a chart, a look-up in level k = 1 … 3 is compared with the same look-up that reads none but the chart's
-//! own texels: those it covers, and filled ones that are nearer to it than to any other chart. So a gradient of light is
-//! no fault: without foreign texels in reach the two are equal bit by bit.
+//! own texels: those it covers, and those around it that are nearer to it than to any other chart, unless they were left
+//! black beside lit ones. So a gradient of light is no fault: without foreign texels in reach the two are equal.
 //!
 //! Limits: of pages whose sides are no multiples of 2ᵏ the last texels are left out, as most libraries do. Block
 //! compression is not simulated: its error shows in formats, and would hide what is looked for here.
@@ -31,19 +31,23 @@ struct Owners {
     width: i32,
     height: i32,
     chart: Vec<u32>,
+    /// What is covered near the texel is lit, so black is no light of its own.
+    lit: Vec<bool>,
 }
 
 impl Owners {
     fn new(subject: &Subject<'_>, page: u32) -> Self {
         let image = subject.page(page);
         let (width, height) = (image.width as i32, image.height as i32);
-        let mut owners = Self { width, height, chart: vec![NO_CHART; image.pixels.len()] };
+        let count = image.pixels.len();
+        let mut owners = Self { width, height, chart: vec![NO_CHART; count], lit: vec![false; count] };
         let mut front = vec![];
         for y in 0..height {
             for x in 0..width {
                 if let Some(i) = subject.patches.front_at(page, x, y) {
                     let own = if subject.is_pure(i) { subject.patches.chart(i) } else { BETWEEN };
                     owners.chart[(y * width + x) as usize] = own;
+                    owners.lit[(y * width + x) as usize] = subject.light(i).max_element() > FLOOR * subject.mean;
                     front.push([x, y]);
                 }
             }
@@ -72,14 +76,16 @@ impl Owners {
         next.sort_unstable();
         next.dedup();
         let owner = |&[x, y]: &[i32; 2]| {
-            let mut known = (0..9).filter_map(|k| self.at(x + k % 3 - 1, y + k / 3 - 1)).map(|i| self.chart[i]);
-            let mut known = known.by_ref().filter(|c| *c != NO_CHART);
-            let first = known.next().unwrap_or(BETWEEN);
-            if known.all(|c| c == first) { first } else { BETWEEN }
+            let around = (0..9).filter_map(|k| self.at(x + k % 3 - 1, y + k / 3 - 1));
+            let known: Vec<usize> = around.filter(|&i| self.chart[i] != NO_CHART).collect();
+            let first = known.first().map_or(BETWEEN, |&i| self.chart[i]);
+            let one = known.iter().all(|&i| self.chart[i] == first);
+            (if one { first } else { BETWEEN }, known.iter().all(|&i| self.lit[i]))
         };
-        let owned: Vec<u32> = next.iter().map(owner).collect();
-        for (&[x, y], own) in next.iter().zip(owned) {
-            self.chart[(y * self.width + x) as usize] = own;
+        let owned: Vec<(u32, bool)> = next.iter().map(owner).collect();
+        for (&[x, y], (chart, lit)) in next.iter().zip(owned) {
+            let i = (y * self.width + x) as usize;
+            (self.chart[i], self.lit[i]) = (chart, lit);
         }
         next
     }
@@ -122,6 +128,7 @@ fn is_border(subject: &Subject<'_>, i: usize) -> bool {
     let patches = &subject.patches;
     let (page, (x, y)) = (patches.page(i), patches.texel_xy(i));
     subject.is_pure(i)
+        && patches.exposed[i] > 0.0
         && (0..9).any(|k| {
             let j = patches.front_at(page, x as i32 + k % 3 - 1, y as i32 + k / 3 - 1);
             j.is_none_or(|j| patches.chart(j) != patches.chart(i))
@@ -144,9 +151,9 @@ fn bleeding(subject: &Subject<'_>, owners: &Owners, i: usize, level: u32) -> f64
         for y in top..(top + side).min(owners.height) {
             for x in left..(left + side).min(owners.width) {
                 let value = rgb(subject.texel(page, x, y));
-                let covered = patches.front_at(page, x, y).is_some();
-                let owner = owners.chart[(y * owners.width + x) as usize];
-                if owner == chart && (covered || value != Rgb::ZERO) {
+                let i = (y * owners.width + x) as usize;
+                let unfilled = value == Rgb::ZERO && owners.lit[i] && patches.front_at(page, x, y).is_none();
+                if owners.chart[i] == chart && !unfilled {
                     own += value * weight;
                     own_weight += weight;
                 } else {

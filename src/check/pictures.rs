@@ -63,8 +63,8 @@ pub fn take(baked: &Baked, report: &Report, folder: &Path) -> Result<Vec<(PathBu
 
 /// Both halves of a picture.
 fn picture(baked: &Baked, tracer: &Tracer<'_>, kind: Kind, place: &Place) -> Vec<[f32; 3]> {
-    let target = Vec3::from(place.position);
-    let (direction, free) = viewpoint(tracer, target, place.normal.into(), place.scale);
+    let (target, normal) = (Vec3::from(place.position), Vec3::from(place.normal).try_normalize().unwrap_or(Vec3::Y));
+    let (direction, free) = viewpoint(tracer, target, normal, place.scale);
     let reach = (tracer.bounds().1 - tracer.bounds().0).length();
     // In a gap that no camera fits into, the left half shows what is in front of the place.
     let far = free.min(0.5 * reach).max((8.0 * place.scale).min(0.3 * reach));
@@ -74,10 +74,11 @@ fn picture(baked: &Baked, tracer: &Tracer<'_>, kind: Kind, place: &Place) -> Vec
         Kind::Padding | Kind::Density | Kind::Stretch => Overlay::Density,
         _ => Overlay::Light,
     };
-    // The close look cuts away what stands before the place.
-    let clips = [0.0, (near - free).max(0.0)];
-    let halves = [(far, Overlay::None), (near, overlay)].into_iter().zip(clips).map(|((distance, overlay), clip)| {
-        let toward = Toward { position: target + direction * distance, target, yfov: FIELD, clip };
+    // Where something stands before the place, the close look cuts it away.
+    let cut = (near > free).then(|| (normal, 0.9 * clearance(tracer, target, normal, near)));
+    let looks = [(far, Overlay::None, None), (near, overlay, cut)].into_iter();
+    let halves = looks.map(|(distance, overlay, cut)| {
+        let toward = Toward { position: target + direction * distance, target, yfov: FIELD, cut };
         half(baked, View::Toward(toward), overlay)
     });
     let halves: Vec<Vec<[f32; 3]>> = halves.collect();
@@ -122,9 +123,15 @@ fn mark(pixels: &mut [[f32; 3]]) {
     }
 }
 
+/// Free height over a place, at most `most` [m].
+fn clearance(tracer: &Tracer<'_>, target: Vec3, normal: Vec3, most: f32) -> f32 {
+    let start = 1e-3 * most;
+    let ray = Ray { origin: target + normal * start, direction: normal, t_max: most };
+    tracer.closest_hit(&ray).map_or(most, |hit| hit.t + start)
+}
+
 /// Direction from a place to a camera that sees it, and how far it can go back [m].
 fn viewpoint(tracer: &Tracer<'_>, target: Vec3, normal: Vec3, scale: f32) -> (Vec3, f32) {
-    let normal = normal.try_normalize().unwrap_or(Vec3::Y);
     let reach = (tracer.bounds().1 - tracer.bounds().0).length().max(1e-3);
     let origin = target + normal * (0.02 * scale).max(1e-5 * reach);
     let mut best = (f32::NEG_INFINITY, normal, scale);

@@ -28,6 +28,9 @@ pub(super) const BORDER: f32 = 1e-4;
 /// little darker.
 pub(super) const FLOOR: f32 = 0.02;
 
+/// Steps per texel of the grid that coordinates are rounded to: coarser than the rounding of `f32` on large pages.
+const GRID: f32 = 1024.0;
+
 /// Texels of all pages together that can be numbered.
 const MOST_TEXELS: u64 = 1 << 31;
 
@@ -181,7 +184,7 @@ fn flatten(scene: &Scene, lightmaps: &Lightmaps, triangle: u32) -> Option<Flat> 
         return None;
     }
     let (page, intensity) = lightmaps.page(scene, triangle)?;
-    let uv = lightmaps.texels(scene, triangle)?;
+    let uv = lightmaps.texels(scene, triangle)?.map(snap);
     let image = &lightmaps.pages()[page];
     let size = Vec2::new(image.width as f32, image.height as f32);
     let within = |p: &Vec2| {
@@ -189,6 +192,13 @@ fn flatten(scene: &Scene, lightmaps: &Lightmaps, triangle: u32) -> Option<Flat> 
         p.is_finite() && p.min_element() >= -BORDER && p.max_element() <= 1.0 + BORDER
     };
     Some(Flat { uv, page: page as u32, intensity, inside: uv.iter().all(within) })
+}
+
+/// A position on the grid of [`GRID`]. Coordinates are written as parts of the page, so texel borders come back a little
+/// off, and a chart would seem to reach into the next texel.
+fn snap(texels: Vec2) -> Vec2 {
+    let snapped = (texels * GRID + 0.5).floor() / GRID;
+    if snapped.is_finite() { snapped } else { texels }
 }
 
 /// Size of the largest page, if triangles lie on the pages in a way that can be worked with.

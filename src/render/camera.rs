@@ -35,8 +35,8 @@ pub struct Toward {
     pub target: Vec3,
     /// Vertical field of view [rad].
     pub yfov: f32,
-    /// What is nearer than this is cut away [m].
-    pub clip: f32,
+    /// What rises above the plane through the target with this normal by more than this height [m] is cut away.
+    pub cut: Option<(Vec3, f32)>,
 }
 
 /// A placed camera.
@@ -48,8 +48,8 @@ pub(super) struct Eye {
     forward: Vec3,
     lens: Lens,
     aspect: f32,
-    /// What is nearer is cut away [m].
-    clip: f32,
+    /// What lies on the side of this plane that its normal points to is cut away.
+    cut: Option<(Vec3, Vec3)>,
 }
 
 enum Lens {
@@ -78,8 +78,9 @@ pub(super) fn eye(shot: &Shot<'_>, view: View, aspect: f32) -> Result<Eye, Error
         View::Camera(index) => index,
         View::Default if !cameras.is_empty() => 0,
         View::Default | View::Auto => return Ok(auto(shot, aspect)),
-        View::Toward(Toward { position, target, yfov, clip }) => {
-            return Ok(Eye { clip, ..Eye::looking(position, target, yfov, aspect) });
+        View::Toward(Toward { position, target, yfov, cut }) => {
+            let cut = cut.map(|(normal, height)| (target + normal * height, normal));
+            return Ok(Eye { cut, ..Eye::looking(position, target, yfov, aspect) });
         }
     };
     let camera = cameras.get(index).ok_or(Error::NoCamera { index, count: cameras.len() })?;
@@ -103,7 +104,7 @@ impl Eye {
             forward: axis(Vec3::NEG_Z),
             lens,
             aspect,
-            clip: 0.0,
+            cut: None,
         }
     }
 
@@ -112,7 +113,7 @@ impl Eye {
         let right = forward.cross(Vec3::Y).try_normalize().unwrap_or(Vec3::X);
         let up = right.cross(forward);
         let lens = Lens::Perspective(libm::tanf(yfov * 0.5));
-        Self { name: "auto".to_owned(), position, right, up, forward, lens, aspect, clip: 0.0 }
+        Self { name: "auto".to_owned(), position, right, up, forward, lens, aspect, cut: None }
     }
 
     /// The ray through pixel `i` of a picture, at `offset` in [0, 1)² from its upper left corner.
@@ -128,9 +129,14 @@ impl Eye {
             }
         };
         let direction = direction.normalize_or_zero();
-        let skipped = self.clip / direction.dot(self.forward).max(f32::MIN_POSITIVE);
-        let origin = if self.clip > 0.0 { origin + direction * skipped } else { origin };
-        Ray { origin, direction, t_max: f32::INFINITY }
+        let Some((point, normal)) = self.cut else { return Ray { origin, direction, t_max: f32::INFINITY } };
+        let (above, down) = ((origin - point).dot(normal), -direction.dot(normal));
+        match (above > 0.0, down > 0.0) {
+            (true, true) => Ray { origin: origin + direction * (above / down), direction, t_max: f32::INFINITY },
+            // It stays where everything is cut away.
+            (true, false) => Ray { origin, direction, t_max: 0.0 },
+            (false, _) => Ray { origin, direction, t_max: f32::INFINITY },
+        }
     }
 }
 
