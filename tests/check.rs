@@ -55,7 +55,7 @@ fn two_rooms() -> &'static Baked {
 
 /// Limits above what a coarse bake of two rooms has by itself.
 fn lenient() -> Settings {
-    let limits = [(Kind::SeamStep, 0.3), (Kind::DarkStrip, 0.6)];
+    let limits = [(Kind::SeamStep, 0.3), (Kind::DarkStrip, 0.45)];
     Settings { limits: limits.into_iter().collect(), padding: None }
 }
 
@@ -334,7 +334,7 @@ fn the_command_tells_faults_by_its_exit_code() {
     let texel = lit_texel(&planted);
     planted.texel(texel)[..3].iter_mut().for_each(|v| *v *= 40.0);
     let document = planted.write(folder.path());
-    let limits = ["--limit", "seam-step=0.3", "--limit", "dark-strip=0.6"];
+    let limits = ["--limit", "seam-step=0.3", "--limit", "dark-strip=0.45"];
     let all = |more: &[&str], code: i32| expect(&[&["check", path(&document)], limits.as_slice(), more].concat(), code);
     assert!(String::from_utf8_lossy(&all(&[], 0).stdout).contains("faults: firefly"));
     all(&["--fail"], 7);
@@ -424,7 +424,31 @@ const CLEAN: [(&str, &str); 7] = [
 
 /// What coarse bakes exceed, and by how much at most: mip levels mix charts that are four texels apart, nothing makes
 /// seams agree, and texels wider than furniture mix what is on both sides of it.
-const KNOWN: [(&str, Kind, f64); 0] = [];
+const KNOWN: [(&str, Kind, f64); 23] = [
+    ("cornell/cornell.gltf", Kind::MipBleeding, 1.4),
+    ("cornell/cornell.gltf", Kind::SeamStep, 0.18),
+    ("cornell/cornell.gltf", Kind::DarkStrip, 0.18),
+    ("office/office.glb", Kind::MipBleeding, 64.0),
+    ("office/office.glb", Kind::SeamStep, 2.01),
+    ("office/office.glb", Kind::Leaks, 0.77),
+    ("office/office.glb", Kind::DarkStrip, 0.99),
+    ("two-rooms/two-rooms.glb", Kind::MipBleeding, 96.0),
+    ("two-rooms/two-rooms.glb", Kind::SeamStep, 0.065),
+    ("two-rooms/two-rooms.glb", Kind::DarkStrip, 0.38),
+    ("courtyard/courtyard.gltf", Kind::MipBleeding, 28.0),
+    ("courtyard/courtyard.gltf", Kind::SeamStep, 2.01),
+    ("courtyard/courtyard.gltf", Kind::DarkStrip, 0.58),
+    ("chairs/chairs.glb", Kind::MipBleeding, 3.0),
+    ("chairs/chairs.glb", Kind::DarkStrip, 0.32),
+    ("room/room.glb", Kind::MipBleeding, 72.0),
+    ("room/room.glb", Kind::SeamStep, 2.01),
+    ("room/room.glb", Kind::DarkStrip, 0.97),
+    ("freedoom/freedoom-map01.glb", Kind::MipBleeding, 74.0),
+    ("freedoom/freedoom-map01.glb", Kind::SeamStep, 2.01),
+    ("freedoom/freedoom-map01.glb", Kind::Leaks, 0.14),
+    ("freedoom/freedoom-map01.glb", Kind::DarkStrip, 0.99),
+    ("freedoom/freedoom-map01.glb", Kind::Firefly, 3.0),
+];
 
 #[test]
 #[ignore = "slow: bakes seven scenes"]

@@ -80,7 +80,7 @@ pub(super) fn measure(subject: &Subject<'_>) -> (Vec<Measure>, Vec<MeshDensity>)
 fn meshes(subject: &Subject<'_>, all: &[Option<[f64; 2]>]) -> Vec<MeshDensity> {
     let of = |part: &crate::scene::Part| {
         let (mut least, mut most, mut sum, mut area) = (f64::INFINITY, 0.0f64, 0.0, 0.0);
-        for t in part.triangles.start as usize..part.triangles.end as usize {
+        for t in part.triangles.clone().map(|t| t as usize) {
             let Some([long, short]) = all[t] else { continue };
             let own = (long * short).sqrt();
             (least, most) = (least.min(own), most.max(own));
