@@ -182,7 +182,7 @@ const PLANTED: [(&str, &str, &[&str], Edit); 22] = [
         let (chart, gap) = neighbors(b);
         shift(b, &chart, gap - 0.25);
     }),
-    ("black around the charts", "uncovered", &["mip-bleeding"], |b| {
+    ("black around the charts", "uncovered", &["mip-bleeding", "dark-strip"], |b| {
         let texels: Vec<(usize, usize)> = beyond(b, 1);
         paint(b, &texels, 0.0);
     }),

@@ -94,6 +94,8 @@ fn the_overlay_of_light_leaves_materials_out() {
     let lightmaps = Lightmaps::new(vec![page(4, |_, _| 1.0)], &[Some((0, 1, core::f32::consts::PI))]);
     let plaster = Settings { overlay: Overlay::Light, ..settings(8) };
     shows(&render(&scene, &lightmaps, &plaster).unwrap(), 3, 3, [tone(0.7), tone(1.4), 0.0]);
+    let shape = Settings { overlay: Overlay::Shape, ..settings(8) };
+    shows(&render(&scene, &lightmaps, &shape).unwrap(), 3, 3, [1.0; 3]);
 }
 
 #[test]

@@ -6,7 +6,7 @@
 //! farthest and is neither grazing nor straight down wins. A ring, the same in both halves, marks the place; it stays the
 //! same size on the screen. In a gap that is too narrow for a camera, the close look is a cutaway. Faults of coordinates
 //! show the texels as a checkerboard on the right, faults of light the light alone without colours of materials, because
-//! a leak on a dark carpet is a leak as well.
+//! a leak on a dark carpet is a leak as well. A faint blue tells what has no light from what is not there.
 
 use super::Baked;
 use super::Report;
@@ -39,6 +39,9 @@ const CLOSE: f32 = 2.2;
 
 /// Vertical field of view [rad].
 const FIELD: f32 = 0.8;
+
+/// What is added to surfaces that face the camera, so that the shape of rooms without any light can be seen.
+const DIM: [f32; 3] = [0.012, 0.02, 0.05];
 
 /// Magenta: no lamp and no wall has it.
 const MARK: [f32; 3] = [1.0, 0.0, 0.55];
@@ -93,19 +96,21 @@ fn picture(baked: &Baked, tracer: &Tracer<'_>, kind: Kind, place: &Place) -> Vec
 }
 
 fn half(baked: &Baked, view: View, overlay: Overlay) -> Vec<[f32; 3]> {
-    let settings = render::Settings {
-        width: SIZE[0],
-        height: SIZE[1],
-        samples: SAMPLES,
-        exposure: None,
-        view,
-        overlay,
-        linear: false,
+    let [width, height] = SIZE;
+    let pixels = |overlay: Overlay| {
+        let settings =
+            render::Settings { width, height, samples: SAMPLES, exposure: None, view, overlay, linear: false };
+        let picture = render::render(&baked.scene, &baked.lightmaps, &settings);
+        picture.map_or_else(|_| vec![[0.0; 3]; (width * height) as usize], |p| p.pixels)
     };
-    let rendered = render::render(&baked.scene, &baked.lightmaps, &settings);
-    let mut pixels = rendered.map_or_else(|_| vec![[0.0; 3]; (SIZE[0] * SIZE[1]) as usize], |p| p.pixels);
-    mark(&mut pixels);
-    pixels
+    let mut seen = pixels(overlay);
+    for (pixel, shape) in seen.iter_mut().zip(pixels(Overlay::Shape)) {
+        for c in 0..3 {
+            pixel[c] += DIM[c] * shape[c] * shape[c] * (1.0 - pixel[c]);
+        }
+    }
+    mark(&mut seen);
+    seen
 }
 
 /// Draws the ring around the middle, with a dark rim so that it shows on anything.

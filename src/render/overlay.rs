@@ -25,6 +25,8 @@ pub enum Overlay {
     Density,
     /// Light without the colours of materials, as on plaster.
     Light,
+    /// Surfaces by how they face the camera, without light.
+    Shape,
 }
 
 /// Colours surfaces for an overlay.
@@ -57,6 +59,9 @@ impl<'a> Painter<'a> {
         }
         let facing = self.scene.geometric_normal(hit.triangle).dot(ray.direction.normalize_or_zero()).abs();
         let shade = 0.35 + 0.65 * facing;
+        if self.overlay == Overlay::Shape {
+            return Some(Rgb::splat(shade));
+        }
         let Some(corners) = self.lightmaps.texels(self.scene, hit.triangle) else {
             return Some(Rgb::splat(0.1 * shade));
         };
