@@ -1,5 +1,6 @@
 //! What can be typed: commands, options, help. What the options of `bake` mean is in `settings`.
 
+use crate::check::Kind;
 use crate::settings::{Options, Preset};
 use clap::{Parser, Subcommand};
 use std::path::PathBuf;
@@ -11,7 +12,7 @@ Start here:
   texelwalk render out/room.glb -o view.png a picture of the result
 
 Exit codes: 0 ok, 1 bake failed, 2 usage, 3 input invalid or unsupported, 4 file system,
-5 warnings under --strict, 7 compare found a difference, 130 interrupted.";
+5 warnings under --strict, 7 compare found a difference or check a fault, 130 interrupted.";
 
 /// Bakes diffuse global illumination into lightmaps or vertex colours for glTF assets: no GPU, no window, the same bytes every time.
 #[derive(Debug, Parser)]
@@ -33,6 +34,8 @@ pub enum Command {
     Compare(Compare),
     /// Make a picture of a baked glTF, lit by its lightmap alone
     Render(Render),
+    /// Measure whether a baked glTF's lightmap is clean: coordinates, padding, seams, leaks, odd texels
+    Check(Check),
 }
 
 /// `bake`.
@@ -160,4 +163,43 @@ pub struct Render {
     /// Scene of the document
     #[arg(long, value_name = "N")]
     pub scene: Option<usize>,
+}
+
+/// `check`.
+#[derive(Debug, clap::Args)]
+pub struct Check {
+    /// A glTF with a lightmap
+    #[arg(value_name = "BAKED")]
+    pub input: PathBuf,
+    /// Exit with code 7 if a measure is above its limit
+    #[arg(long)]
+    pub fail: bool,
+    /// Another limit for a measure, for example seam-step=0.02 (shares are in [0, 1]); may be repeated
+    #[arg(long = "limit", value_name = "NAME=VALUE", value_parser = limit)]
+    pub limits: Vec<(Kind, f64)>,
+    /// Empty texels that must lie between charts [default: as bilinear look-ups need]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=64))]
+    pub padding: Option<u32>,
+    /// Write the measures as JSON; - is standard output, instead of the table
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Write pictures of the worst places of every fault into a folder
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+    /// Scene of the document
+    #[arg(long, value_name = "N")]
+    pub scene: Option<usize>,
+    /// Number of threads [default: all]
+    #[arg(long, value_name = "N")]
+    pub threads: Option<usize>,
+}
+
+/// A limit as it is typed.
+fn limit(typed: &str) -> Result<(Kind, f64), String> {
+    let (name, value) = typed.split_once('=').ok_or("write it as NAME=VALUE")?;
+    let known = || Kind::ALL.map(Kind::name).join(", ");
+    let kind = Kind::ALL.into_iter().find(|k| k.name() == name);
+    let kind = kind.ok_or_else(|| format!("there is no measure {name}; there are {}", known()))?;
+    let value: f64 = value.parse().map_err(|_| format!("{value} is no number"))?;
+    if value >= 0.0 { Ok((kind, value)) } else { Err("a limit cannot be below 0".to_owned()) }
 }

@@ -5,6 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 use texelwalk::bake::{self, Observer, Request};
 use texelwalk::base::Progress;
+use texelwalk::check::{self, Baked};
 use texelwalk::cli;
 use texelwalk::output::formats::Format;
 use texelwalk::output::{atomic, exr, png};
@@ -29,7 +30,7 @@ pub(crate) enum Exit {
     Io = 4,
     /// There were warnings under `--strict`.
     Strict = 5,
-    /// `compare` found a difference.
+    /// `compare` found a difference, or `check` a fault.
     Differs = 7,
     /// Interrupted.
     Interrupted = 130,
@@ -173,6 +174,34 @@ pub(crate) fn render(typed: &cli::Render) -> Outcome {
     let scale = if settings.linear { "cd/m²".into() } else { format!("exposure {:+.2} stops", picture.exposure) };
     show::wrote(&format!("{} ({}, {scale})", typed.output.display(), picture.camera));
     Ok(Exit::Ok)
+}
+
+pub(crate) fn check(typed: &cli::Check) -> Outcome {
+    let failed = |e: check::Error| match &e {
+        check::Error::Scene(scene) => (scene_exit(scene), e.to_string()),
+        check::Error::Lightmap(output) => (output_exit(output), e.to_string()),
+    };
+    start_threads(typed.threads)?;
+    let baked = Baked::load(&typed.input, typed.scene).map_err(failed)?;
+    let settings = check::Settings { limits: typed.limits.iter().copied().collect(), padding: typed.padding };
+    let report = check::check(&baked, &settings).map_err(failed)?;
+    let on_stdout = typed.json.as_deref() == Some(Path::new("-"));
+    let text = if on_stdout { report.to_json() } else { report.to_text() };
+    let mut files = vec![];
+    if let Some(folder) = &typed.pictures {
+        files = check::pictures::take(&baked, &report, folder).map_err(|e| (output_exit(&e), e.to_string()))?;
+    }
+    if let Some(path) = typed.json.as_ref().filter(|_| !on_stdout) {
+        files.push((path.clone(), report.to_json().into_bytes()));
+    }
+    atomic::commit(&files, &baked.scene.document.files_read, &|| false)
+        .map_err(|e| (output_exit(&e), e.to_string()))?;
+    show::data(text.as_bytes())?;
+    for (path, _) in &files {
+        show::wrote(&path.display().to_string());
+    }
+    let faulty = typed.fail && !report.faults.is_empty();
+    Ok(if faulty { Exit::Differs } else { Exit::Ok })
 }
 
 fn is_exr(path: &Path) -> bool {

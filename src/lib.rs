@@ -4,19 +4,21 @@
 //! # The pipeline
 //!
 //! ```text
-//! scene ─► atlas ─► patches ─► light ─► walk ─► gather ─► finish ─► (vertices) ─► output
-//! glTF     xatlas    texels     direct   fuzzy    last      sharing    least        EXR, glTF,
-//!          charts    + links    light    random   bounce    dilation   squares      PNG, report
-//!                                        walk     per texel
+//! scene ─► atlas ─► patches ─► light ─► walk ─► gather ─► finish ─► seams ─► (vertices) ─► output ─► (html)
+//! glTF     xatlas    texels     direct   fuzzy    last      sharing   both      least        EXR, glTF,  page for
+//!          charts    + links    light    random   bounce    dilation  sides     squares      PNG, report people
+//!                                        walk     per texel            agree
 //! ```
 //!
 //! [`bake`] runs it and is the only code that names every stage. [`scene`] reads a glTF into world-space triangles;
 //! after it nothing is optional. [`trace`] answers what a ray meets. [`atlas`] gives every surface a place on a
 //! lightmap page. [`patches`] makes every texel that a triangle touches a patch, and links neighbours that see each
 //! other. [`light`] finds direct light, [`walk`] all bounces, [`mod@gather`] the last bounce once more per texel.
-//! [`finish`] shares noisy light between neighbours, fills pages and dilates them. [`vertices`] fits light at the
+//! [`finish`] shares noisy light between neighbours, fills pages and dilates them; [`seams`] makes the two sides of
+//! borders between charts agree. [`vertices`] fits light at the
 //! vertices to the pages, where that is what is wanted. [`output`] turns results into bytes
-//! and puts them on the disk together; [`html`] is a page about the bake for people. [`mod@inspect`], [`mod@compare`] and [`mod@render`] look at inputs and results.
+//! and puts them on the disk together; [`html`] is a page about the bake for people. [`mod@inspect`], [`mod@compare`],
+//! [`mod@render`] and [`mod@check`] look at inputs and results.
 //! [`settings`] says what the options of [`cli`] mean.
 //!
 //! # Units
@@ -79,6 +81,7 @@
 pub mod atlas;
 pub mod bake;
 pub mod base;
+pub mod check;
 pub mod cli;
 pub mod compare;
 pub mod finish;

@@ -15,6 +15,7 @@ fn main() -> ExitCode {
         Command::Inspect(options) => commands::inspect(&options),
         Command::Compare(options) => commands::compare(&options),
         Command::Render(options) => commands::render(&options),
+        Command::Check(options) => commands::check(&options),
     };
     match result {
         Ok(exit) => exit.into(),

@@ -20,7 +20,7 @@ mod camera;
 mod lightmap;
 mod overlay;
 
-pub use camera::View;
+pub use camera::{Toward, View};
 pub use lightmap::{Lightmaps, Place};
 pub use overlay::Overlay;
 pub(crate) use overlay::{chart_color, density_color, median_density};
@@ -42,6 +42,9 @@ pub const KEY: f32 = 0.22;
 
 /// Value before the tone curve that becomes white.
 pub const WHITE: f32 = 6.0;
+
+/// Reflectance of every surface where only light is shown.
+const PLASTER: Rgb = Rgb::splat(0.7);
 
 /// Linear display value of the neutral background.
 pub(crate) const NEUTRAL: f32 = 0.05;
@@ -148,7 +151,7 @@ pub fn series(
     let exposure = match settings.exposure {
         _ if settings.linear => 0.0,
         Some(stops) => stops,
-        None => shot.auto_exposure(&eye, size),
+        None => shot.auto_exposure(&eye, size, overlays == [Overlay::Light]),
     };
     let factor = libm::exp2f(exposure);
     let value = |seen: &Seen| if settings.linear { seen.radiance() } else { seen.display(factor) };
@@ -251,24 +254,25 @@ impl Shot<'_> {
         if let Some(color) = painter.color(hit, ray) {
             return Seen::Painted(color);
         }
-        self.lit(hit)
+        self.lit(hit, painter.overlay() == Overlay::Light)
     }
 
-    /// A surface under its baked light.
-    fn lit(&self, hit: &Hit) -> Seen {
+    /// A surface under its baked light; `bare`: as if it were of plaster.
+    fn lit(&self, hit: &Hit, bare: bool) -> Seen {
         if self.scene.material(hit.triangle).unlit {
             return Seen::Painted(self.scene.base_color(hit.triangle, hit.b).truncate());
         }
         let irradiance = self.lightmaps.irradiance(self.scene, hit.triangle, hit.b).unwrap_or(Rgb::ZERO);
-        let reflected = self.scene.reflectance(hit.triangle, hit.b) * irradiance * core::f32::consts::FRAC_1_PI;
-        Seen::Surface(reflected, self.scene.emission(hit.triangle, hit.b))
+        let reflectance = if bare { PLASTER } else { self.scene.reflectance(hit.triangle, hit.b) };
+        let emission = if bare { Rgb::ZERO } else { self.scene.emission(hit.triangle, hit.b) };
+        Seen::Surface(reflectance * irradiance * core::f32::consts::FRAC_1_PI, emission)
     }
 
     /// Stops that map the log-average of what is lit to [`KEY`]; 0 if nothing is.
-    fn auto_exposure(&self, eye: &Eye, size: [usize; 2]) -> f32 {
+    fn auto_exposure(&self, eye: &Eye, size: [usize; 2], bare: bool) -> f32 {
         let values = parallel::map(size[0] * size[1], |i| {
             let hit = self.first_hit(&eye.through(i, size, [0.5, 0.5]));
-            match hit.map(|hit| self.lit(&hit)) {
+            match hit.map(|hit| self.lit(&hit, bare)) {
                 Some(Seen::Surface(reflected, _)) => f64::from(luminance(reflected)),
                 _ => 0.0,
             }

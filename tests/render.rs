@@ -18,6 +18,7 @@ use texelwalk::render::Lightmaps;
 use texelwalk::render::Overlay;
 use texelwalk::render::Picture;
 use texelwalk::render::Settings;
+use texelwalk::render::Toward;
 use texelwalk::render::View;
 use texelwalk::render::render;
 use texelwalk::scene;
@@ -83,6 +84,35 @@ fn a_linear_picture_is_radiance_without_curve_exposure_or_background() {
     assert!(picture.coverage.iter().all(|&c| c == 1.0) && picture.exposure == 0.0);
     let away = render(&scene, &lightmaps, &Settings { width: 64, height: 8, ..linear }).unwrap();
     assert_eq!((away.pixels[0], away.coverage[0]), ([0.0; 3], 0.0));
+}
+
+#[test]
+fn the_overlay_of_light_leaves_materials_out() {
+    let mut scene = square();
+    scene.materials[0].base_color = Vec4::new(0.0, 0.1, 0.9, 1.0);
+    scene.materials[0].emission = Vec3::ONE;
+    let lightmaps = Lightmaps::new(vec![page(4, |_, _| 1.0)], &[Some((0, 1, core::f32::consts::PI))]);
+    let plaster = Settings { overlay: Overlay::Light, ..settings(8) };
+    shows(&render(&scene, &lightmaps, &plaster).unwrap(), 3, 3, [tone(0.7), tone(1.4), 0.0]);
+    let shape = Settings { overlay: Overlay::Shape, ..settings(8) };
+    shows(&render(&scene, &lightmaps, &shape).unwrap(), 3, 3, [1.0; 3]);
+}
+
+#[test]
+fn a_cutaway_shows_what_lies_below_its_plane() {
+    let scene = square();
+    let lightmaps = Lightmaps::new(vec![page(4, |_, _| 1.0)], &[Some((0, 1, core::f32::consts::PI))]);
+    let middle = |position: Vec3, cut: Option<(Vec3, f32)>| {
+        let view = View::Toward(Toward { position, target: Vec3::ZERO, yfov: 0.5, cut });
+        let picture = render(&scene, &lightmaps, &Settings { view, ..settings(9) }).unwrap();
+        picture.coverage[40]
+    };
+    let (before, behind) = (Vec3::new(0.5, 0.3, 3.0), Vec3::new(0.5, 0.3, -3.0));
+    assert_eq!(middle(before, None), 1.0);
+    assert_eq!(middle(before, Some((Vec3::Z, 0.1))), 1.0);
+    assert_eq!(middle(before, Some((Vec3::Z, -0.1))), 0.0, "the square itself is cut away");
+    assert_eq!(middle(behind, None), 0.0, "backs are not seen");
+    assert_eq!(middle(before, Some((Vec3::NEG_Z, 0.1))), 1.0, "what is cut away lies behind");
 }
 
 #[test]

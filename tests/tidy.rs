@@ -22,6 +22,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("output", &["base", "scene", "atlas", "finish", "vertices"]),
     ("render", &["base", "scene", "trace", "output"]),
     ("html", &["base", "scene", "trace", "atlas", "patches", "finish", "vertices", "output", "render"]),
+    ("check", &["base", "scene", "trace", "atlas", "patches", "vertices", "output", "render"]),
 ];
 const MOST_LINES: usize = 600;
 

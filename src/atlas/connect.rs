@@ -24,18 +24,18 @@ pub(super) fn components(triangles: &[[DVec2; 3]]) -> Vec<u32> {
 
 /// Disjoint sets; the smallest member represents its set.
 #[derive(Debug)]
-pub(super) struct Sets {
+pub(crate) struct Sets {
     parent: Vec<usize>,
 }
 
 impl Sets {
     /// `n` sets of one member.
-    pub(super) fn new(n: usize) -> Self {
+    pub(crate) fn new(n: usize) -> Self {
         Self { parent: (0..n).collect() }
     }
 
     /// Unites the sets of two members.
-    pub(super) fn join(&mut self, a: usize, b: usize) {
+    pub(crate) fn join(&mut self, a: usize, b: usize) {
         let (a, b) = (self.find(a), self.find(b));
         self.parent[a.max(b)] = a.min(b);
     }
@@ -49,7 +49,7 @@ impl Sets {
     }
 
     /// Number of each member's set, counted by first appearance.
-    pub(super) fn numbers(&mut self) -> Vec<u32> {
+    pub(crate) fn numbers(&mut self) -> Vec<u32> {
         let mut number = vec![u32::MAX; self.parent.len()];
         let mut count = 0;
         (0..self.parent.len())

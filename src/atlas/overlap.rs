@@ -7,7 +7,7 @@
 use glam::DVec2;
 
 /// Grid steps per sample distance.
-const STEPS: i64 = 256;
+pub(crate) const STEPS: i64 = 256;
 
 /// Samples of a layout that triangles cover.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -61,7 +61,7 @@ pub(super) fn coverage(triangles: &[[DVec2; 3]], per_triangle: usize) -> Coverag
 }
 
 /// Calls `visit(column, row)` for every sample (at the middle of a cell of [`STEPS`]²) inside a triangle.
-fn visit_samples(p: [[i64; 2]; 3], mut visit: impl FnMut(i64, i64)) {
+pub(crate) fn visit_samples(p: [[i64; 2]; 3], mut visit: impl FnMut(i64, i64)) {
     let low = p[0][1].min(p[1][1]).min(p[2][1]);
     let high = p[0][1].max(p[1][1]).max(p[2][1]);
     for row in (low - STEPS / 2).div_euclid(STEPS)..=high.div_euclid(STEPS) {

@@ -4,7 +4,7 @@
 //! exposure mask along its border aside.
 
 use super::surface::Map;
-use super::{NO_PATCH, Patches};
+use super::{NO_PATCH, Patches, SurfacePoint};
 use crate::atlas::raster::{self, Polygon};
 use crate::trace::Hit;
 use glam::{DVec2, Vec2};
@@ -119,6 +119,23 @@ impl Patches {
     pub(super) fn polygon(&self, front: usize, f: usize) -> Polygon {
         let (x, y) = self.texel_xy(front);
         raster::within_texel(self.surface[self.fragments.triangle[f] as usize].uv, x, y)
+    }
+
+    /// The triangles that reach into a front patch's texel, each with its polygon in texel coordinates.
+    pub fn pieces(&self, front: usize) -> impl Iterator<Item = (u32, Polygon)> + '_ {
+        self.fragments.range(front).map(move |f| (self.fragments.triangle[f], self.polygon(front, f)))
+    }
+
+    /// The triangles that reach into a front patch's texel.
+    #[must_use]
+    pub fn triangles(&self, front: usize) -> &[u32] {
+        &self.fragments.triangle[self.fragments.range(front)]
+    }
+
+    /// Where a point of a front patch's texel lies on a triangle, clamped to it [texels from the texel's corner].
+    #[must_use]
+    pub fn point_on(&self, front: usize, triangle: u32, within: DVec2) -> SurfacePoint {
+        SurfacePoint { triangle, b: self.map(triangle, front).weights(within) }
     }
 
     /// From the texel's coordinates to the weights of a triangle.

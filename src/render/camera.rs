@@ -14,7 +14,7 @@ use core::f32::consts::PI;
 use glam::Vec3;
 
 /// Which camera to use.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum View {
     /// The document's first camera, or automatic if it has none.
     Default,
@@ -22,6 +22,21 @@ pub enum View {
     Camera(usize),
     /// Automatic.
     Auto,
+    /// From one point toward another.
+    Toward(Toward),
+}
+
+/// A camera that looks at a point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Toward {
+    /// Where it stands [m].
+    pub position: Vec3,
+    /// What it looks at [m].
+    pub target: Vec3,
+    /// Vertical field of view [rad].
+    pub yfov: f32,
+    /// What rises above the plane through the target with this normal by more than this height [m] is cut away.
+    pub cut: Option<(Vec3, f32)>,
 }
 
 /// A placed camera.
@@ -33,6 +48,8 @@ pub(super) struct Eye {
     forward: Vec3,
     lens: Lens,
     aspect: f32,
+    /// What lies on the side of this plane that its normal points to is cut away.
+    cut: Option<(Vec3, Vec3)>,
 }
 
 enum Lens {
@@ -61,6 +78,10 @@ pub(super) fn eye(shot: &Shot<'_>, view: View, aspect: f32) -> Result<Eye, Error
         View::Camera(index) => index,
         View::Default if !cameras.is_empty() => 0,
         View::Default | View::Auto => return Ok(auto(shot, aspect)),
+        View::Toward(Toward { position, target, yfov, cut }) => {
+            let cut = cut.map(|(normal, height)| (target + normal * height, normal));
+            return Ok(Eye { cut, ..Eye::looking(position, target, yfov, aspect) });
+        }
     };
     let camera = cameras.get(index).ok_or(Error::NoCamera { index, count: cameras.len() })?;
     Ok(Eye::of(camera, aspect))
@@ -75,7 +96,16 @@ impl Eye {
             Projection::Orthographic { ymag, .. } => Lens::Orthographic(ymag.abs()),
         };
         let (position, name) = (m.transform_point3(Vec3::ZERO), camera.name.clone());
-        Self { name, position, right: axis(Vec3::X), up: axis(Vec3::Y), forward: axis(Vec3::NEG_Z), lens, aspect }
+        Self {
+            name,
+            position,
+            right: axis(Vec3::X),
+            up: axis(Vec3::Y),
+            forward: axis(Vec3::NEG_Z),
+            lens,
+            aspect,
+            cut: None,
+        }
     }
 
     fn looking(position: Vec3, target: Vec3, yfov: f32, aspect: f32) -> Self {
@@ -83,7 +113,7 @@ impl Eye {
         let right = forward.cross(Vec3::Y).try_normalize().unwrap_or(Vec3::X);
         let up = right.cross(forward);
         let lens = Lens::Perspective(libm::tanf(yfov * 0.5));
-        Self { name: "auto".to_owned(), position, right, up, forward, lens, aspect }
+        Self { name: "auto".to_owned(), position, right, up, forward, lens, aspect, cut: None }
     }
 
     /// The ray through pixel `i` of a picture, at `offset` in [0, 1)² from its upper left corner.
@@ -98,7 +128,15 @@ impl Eye {
                 (self.position + self.right * (x * half * self.aspect) + self.up * (y * half), self.forward)
             }
         };
-        Ray { origin, direction: direction.normalize_or_zero(), t_max: f32::INFINITY }
+        let direction = direction.normalize_or_zero();
+        let Some((point, normal)) = self.cut else { return Ray { origin, direction, t_max: f32::INFINITY } };
+        let (above, down) = ((origin - point).dot(normal), -direction.dot(normal));
+        match (above > 0.0, down > 0.0) {
+            (true, true) => Ray { origin: origin + direction * (above / down), direction, t_max: f32::INFINITY },
+            // It stays where everything is cut away.
+            (true, false) => Ray { origin, direction, t_max: 0.0 },
+            (false, _) => Ray { origin, direction, t_max: f32::INFINITY },
+        }
     }
 }
 

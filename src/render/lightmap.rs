@@ -155,6 +155,24 @@ impl Lightmaps {
         self.pages.is_empty() && self.vertices.iter().all(Vec::is_empty)
     }
 
+    /// The pages, in the order in which materials name them first.
+    #[must_use]
+    pub fn pages(&self) -> &[ImageF32] {
+        &self.pages
+    }
+
+    /// The pages, to be changed.
+    pub fn pages_mut(&mut self) -> &mut [ImageF32] {
+        &mut self.pages
+    }
+
+    /// Index into [`Lightmaps::pages`] of a triangle's page, and irradiance of a texel of 1 [lx]; `None` without a
+    /// lightmap.
+    #[must_use]
+    pub fn page(&self, scene: &Scene, triangle: u32) -> Option<(usize, f32)> {
+        self.of(scene, triangle).map(|(lightmap, _)| (lightmap.page, lightmap.intensity))
+    }
+
     /// Irradiance [lx] at a point of a triangle; `None` without a lightmap.
     #[must_use]
     pub fn irradiance(&self, scene: &Scene, triangle: u32, b: Vec2) -> Option<Rgb> {

@@ -13,10 +13,10 @@ use crate::trace::Hit;
 use crate::trace::Ray;
 use glam::Vec2;
 
-/// What to show instead of light.
+/// What to show instead of light on materials.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
 pub enum Overlay {
-    /// Light.
+    /// Light on materials.
     #[default]
     None,
     /// A colour per chart.
@@ -25,6 +25,10 @@ pub enum Overlay {
     Density,
     /// Base colour under a lamp at the camera, as viewers show what was not baked.
     Plain,
+    /// Light without the colours of materials, as on plaster.
+    Light,
+    /// Surfaces by how they face the camera, without light.
+    Shape,
 }
 
 /// Colours surfaces for an overlay.
@@ -45,9 +49,14 @@ impl<'a> Painter<'a> {
         Self { scene, lightmaps, overlay, chart, density }
     }
 
+    /// What is shown.
+    pub(super) fn overlay(&self) -> Overlay {
+        self.overlay
+    }
+
     /// Linear display colour of a hit; `None` = show the light.
     pub(super) fn color(&self, hit: &Hit, ray: &Ray) -> Option<Rgb> {
-        if self.overlay == Overlay::None {
+        if matches!(self.overlay, Overlay::None | Overlay::Light) {
             return None;
         }
         let facing = self.scene.geometric_normal(hit.triangle).dot(ray.direction.normalize_or_zero()).abs();
@@ -55,6 +64,9 @@ impl<'a> Painter<'a> {
         if self.overlay == Overlay::Plain {
             let base = self.scene.base_color(hit.triangle, hit.b).truncate();
             return Some(base * shade + self.scene.emission(hit.triangle, hit.b));
+        }
+        if self.overlay == Overlay::Shape {
+            return Some(Rgb::splat(shade));
         }
         let Some(corners) = self.lightmaps.texels(self.scene, hit.triangle) else {
             return Some(Rgb::splat(0.1 * shade));

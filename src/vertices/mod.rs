@@ -39,6 +39,20 @@ use crate::scene::Scene;
 use mesh::Mesh;
 use system::System;
 
+/// Number of the place that each vertex of a scene lies at; vertices at one place, within rounding, share it.
+#[must_use]
+pub fn places(scene: &Scene) -> Vec<u32> {
+    let vertices: Vec<mesh::Vertex> = (0..scene.vertices.position.len())
+        .map(|v| mesh::Vertex {
+            part: 0,
+            origin: Origin::source(v as u32),
+            position: scene.vertices.position[v].as_dvec3(),
+            normal: scene.vertices.normal[v].as_dvec3(),
+        })
+        .collect();
+    weld::places(&vertices).0
+}
+
 /// How to fit.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Settings {

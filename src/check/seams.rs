@@ -1,0 +1,184 @@
+//! Jumps of light where one surface goes on in another chart, within a mesh and between meshes.
+//!
+//! Two triangles of opposite sense that share an edge in space, and whose shading normals agree at both of its ends, get
+//! the same light along it. Where their lightmap coordinates differ there, the two look-ups should still agree. They are
+//! compared at points along the edge that are in the open on both sides and see each other, so a wall that stands on the
+//! seam takes it out.
+//!
+//! Limits: only whole edges are matched, not a long one with several short ones beside it.
+
+use super::measure::{Kind, Measure, Tally};
+use super::subject::{Subject, texel_area};
+use crate::atlas::NO_CHART;
+use crate::base::parallel;
+use crate::patches::SurfacePoint;
+use crate::vertices;
+use glam::{Vec2, Vec3};
+use rayon::slice::ParallelSliceMut;
+
+/// Cosine between shading normals that are the same: 0.8°. More would let the light differ by the limit.
+const SAME_NORMAL: f32 = 0.9999;
+
+/// Cosine between triangles beyond which an edge is a corner whatever its normals say: 75°.
+const CORNER: f32 = 0.259;
+
+/// Points per texel along an edge, and least and most per edge.
+const PER_TEXEL: f32 = 2.0;
+const LEAST: usize = 3;
+const MOST: usize = 2048;
+
+/// Triangles at one edge beyond which it is no surface.
+const CROWD: usize = 8;
+
+/// Heights of the sight lines between both sides, and how far from the edge they start, in texel edges.
+const HEIGHTS: [f32; 2] = [0.06, 0.3];
+const ASIDE: f32 = 0.1;
+
+/// Points are taken this far from their edge, so that they lie in their triangle: a share of the way to its middle.
+const INSET: f32 = 1e-4;
+
+/// An edge of a triangle: places of its ends, ascending; triangle; number of the edge in it.
+type HalfEdge = ([u32; 2], u32, u32);
+
+/// Steps along all seams; the value is the 99.9th percentile over their length.
+pub(super) fn measure(subject: &Subject<'_>) -> Measure {
+    let seams = seams(subject);
+    let limit = subject.settings.limit(Kind::SeamStep);
+    let tallies = parallel::map_chunks(seams.len(), 16, |range| {
+        let mut tally = Tally::default();
+        for seam in &seams[range] {
+            walk(subject, seam, limit, &mut tally);
+        }
+        tally
+    });
+    let mut tally = Tally::join(tallies);
+    let value = tally.percentile(0.999);
+    let mut measure = tally.measure(subject, Kind::SeamStep, value);
+    measure.notes.push(format!("{} seams; worst {:.2} %", seams.len(), measure.worst * 100.0));
+    measure
+}
+
+/// Pairs of edges where a surface changes its chart.
+fn seams(subject: &Subject<'_>) -> Vec<[(u32, u32); 2]> {
+    let (scene, place) = (subject.scene, vertices::places(subject.scene));
+    let mut edges: Vec<HalfEdge> = vec![];
+    for (t, triangle) in scene.triangles.iter().enumerate() {
+        if subject.chart[t] == NO_CHART || subject.area[t] <= 0.0 {
+            continue;
+        }
+        for k in 0..3 {
+            let (a, b) = (place[triangle[k] as usize], place[triangle[(k + 1) % 3] as usize]);
+            if a != b {
+                edges.push(([a.min(b), a.max(b)], t as u32, k as u32));
+            }
+        }
+    }
+    edges.par_sort_unstable();
+    let mut seams = vec![];
+    for fan in edges.chunk_by(|a, b| a.0 == b.0).filter(|fan| (2..=CROWD).contains(&fan.len())) {
+        for (i, a) in fan.iter().enumerate() {
+            for b in &fan[i + 1..] {
+                let pair = [(a.1, a.2), (b.1, b.2)];
+                if is_seam(subject, &place, pair) {
+                    seams.push(pair);
+                }
+            }
+        }
+    }
+    seams
+}
+
+fn is_seam(subject: &Subject<'_>, place: &[u32], [(ta, ka), (tb, kb)]: [(u32, u32); 2]) -> bool {
+    let scene = subject.scene;
+    let ends = |t: u32, k: u32| [k, (k + 1) % 3].map(|c| scene.triangles[t as usize][c as usize] as usize);
+    let (a, mut b) = (ends(ta, ka), ends(tb, kb));
+    b.reverse();
+    let opposed = place[a[0]] == place[b[0]];
+    let joined = (0..2).all(|k| subject.corner[a[k]] == subject.corner[b[k]]);
+    if !opposed || joined {
+        return false;
+    }
+    let (na, nb) = (scene.geometric_normal(ta), scene.geometric_normal(tb));
+    let shading = |t: u32, vertex: usize| {
+        let corner = scene.triangles[t as usize].iter().position(|v| *v as usize == vertex).unwrap_or(0);
+        scene.shading_normal(t, [Vec2::ZERO, Vec2::X, Vec2::Y][corner])
+    };
+    na.dot(nb) > CORNER && (0..2).all(|k| shading(ta, a[k]).dot(shading(tb, b[k])) > SAME_NORMAL)
+}
+
+/// Barycentric weights of the point at `along` on edge `k` of a triangle.
+fn on_edge(k: u32, along: f32) -> Vec2 {
+    let mut weights = [INSET / 3.0; 3];
+    weights[k as usize] += (1.0 - along) * (1.0 - INSET);
+    weights[(k as usize + 1) % 3] += along * (1.0 - INSET);
+    Vec2::new(weights[1], weights[2])
+}
+
+fn walk(subject: &Subject<'_>, seam: &[(u32, u32); 2], limit: f64, tally: &mut Tally) {
+    let scene = subject.scene;
+    let [(ta, ka), (tb, kb)] = *seam;
+    let corners = scene.corners(ta);
+    let (from, to) = (corners[ka as usize], corners[(ka as usize + 1) % 3]);
+    let length = from.distance(to);
+    let edge = texel_edge(subject, ta).min(texel_edge(subject, tb));
+    let count = ((PER_TEXEL * length / edge).ceil() as usize).clamp(LEAST, MOST);
+    for s in 0..count {
+        let along = (s as f32 + 0.5) / count as f32;
+        let a = SurfacePoint { triangle: ta, b: on_edge(ka, along) };
+        let b = SurfacePoint { triangle: tb, b: on_edge(kb, 1.0 - along) };
+        if !is_open(subject, a) || !is_open(subject, b) || !see_each_other(subject, [a, b], to - from, edge) {
+            continue;
+        }
+        // In the unit of the pages; two pages may have different ones.
+        let intensity = subject.flat[ta as usize].map_or(1.0, |f| f.intensity).max(f32::MIN_POSITIVE);
+        let light = |p: SurfacePoint| Some(subject.lightmaps.irradiance(scene, p.triangle, p.b)? / intensity);
+        let (Some(left), Some(right)) = (light(a), light(b)) else { continue };
+        let step = subject.relative(left, right);
+        tally.look(step, limit, || a);
+        tally.weigh(step as f32, length / count as f32);
+    }
+}
+
+/// Edge of a triangle's texels [m].
+fn texel_edge(subject: &Subject<'_>, triangle: u32) -> f32 {
+    let texels = subject.flat[triangle as usize].map_or(1.0, |f| texel_area(&f.uv));
+    (subject.area[triangle as usize] / texels.max(1e-12)).sqrt() as f32
+}
+
+/// The point is not inside another solid.
+fn is_open(subject: &Subject<'_>, point: SurfacePoint) -> bool {
+    let Some(flat) = subject.flat[point.triangle as usize] else { return false };
+    let at = flat.uv[0] + (flat.uv[1] - flat.uv[0]) * point.b.x + (flat.uv[2] - flat.uv[0]) * point.b.y;
+    let floor = at.floor();
+    let front = subject.patches.front_at(flat.page, floor.x as i32, floor.y as i32);
+    front.is_some_and(|i| subject.patches.exposed[i] > 0.0 && subject.patches.is_exposed_at(i, (at - floor).as_dvec2()))
+}
+
+fn see_each_other(subject: &Subject<'_>, points: [SurfacePoint; 2], along: Vec3, edge: f32) -> bool {
+    let along = along.normalize_or_zero();
+    HEIGHTS.iter().all(|height| {
+        let [a, b] = points.map(|p| {
+            let normal = subject.scene.geometric_normal(p.triangle);
+            let position = subject.scene.position(p.triangle, p.b);
+            let corners = subject.scene.corners(p.triangle);
+            let middle = (corners[0] + corners[1] + corners[2]) / 3.0;
+            let aside = normal.cross(along);
+            let inward = if aside.dot(middle - position) < 0.0 { -aside } else { aside };
+            position + (inward * ASIDE + normal * *height) * edge
+        });
+        subject.tracer.segment_clear(a, b)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_lie_just_inside_their_edge() {
+        let near = |b: Vec2, expected: Vec2| assert!((b - expected).length() < 1e-4 && b.min_element() > 0.0, "{b}");
+        near(on_edge(0, 0.25), Vec2::new(0.25, 0.0));
+        near(on_edge(1, 0.25), Vec2::new(0.75, 0.25));
+        near(on_edge(2, 0.25), Vec2::new(0.0, 0.75));
+    }
+}

@@ -1,0 +1,313 @@
+//! What is checked, prepared: charts and texel patches of a baked document, as they are on its pages.
+//!
+//! In: scene, lightmaps, settings. Out: [`Subject`].
+//!
+//! The document does not say what its charts are. Here they are triangles that hang together over edges whose ends agree
+//! both in the world and on the page. Pages may differ in size; patches number texels on pages as large as the largest.
+//!
+//! Limits: triangles that leave their page have no texels here; they are faults already.
+
+use super::Settings;
+use super::measure::{Place, Spot};
+use crate::atlas::connect::Sets;
+use crate::atlas::{Atlas, Chart, ChartedPart, NO_CHART, raster};
+use crate::base::{Progress, Rgb, parallel};
+use crate::output::Error;
+use crate::output::exr::ImageF32;
+use crate::patches::{PatchGraph, Patches, SurfacePoint};
+use crate::render::Lightmaps;
+use crate::scene::Scene;
+use crate::trace::Tracer;
+use glam::{DVec2, DVec3, Vec2, Vec3};
+use rayon::slice::ParallelSliceMut;
+
+/// Coordinates may leave [0, 1] by this much (exporters write 1.0000001).
+pub(super) const BORDER: f32 = 1e-4;
+
+/// Share of the mean light below which differences are not relative any more: nobody sees that something dark is a
+/// little darker.
+pub(super) const FLOOR: f32 = 0.02;
+
+/// Steps per texel of the grid that coordinates are rounded to: coarser than the rounding of `f32` on large pages.
+const GRID: f32 = 1024.0;
+
+/// Texels of all pages together that can be numbered.
+const MOST_TEXELS: u64 = 1 << 31;
+
+/// How often triangles may cover the pages before nothing can be said about single texels.
+const MOST_LAYERS: f64 = 16.0;
+
+/// A triangle on its page.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Flat {
+    /// Corners [texels].
+    pub(super) uv: [Vec2; 3],
+    pub(super) page: u32,
+    /// Irradiance of a texel of 1 [lx].
+    pub(super) intensity: f32,
+    /// It is within the page.
+    pub(super) inside: bool,
+}
+
+/// A baked document, ready to be measured.
+pub(super) struct Subject<'a> {
+    pub(super) settings: &'a Settings,
+    pub(super) scene: &'a Scene,
+    pub(super) lightmaps: &'a Lightmaps,
+    pub(super) tracer: &'a Tracer<'a>,
+    /// By triangle; `None` where it has no lightmap.
+    pub(super) flat: Vec<Option<Flat>>,
+    /// Area by triangle [m²].
+    pub(super) area: Vec<f64>,
+    /// Class of every vertex by place in the world and on its page.
+    pub(super) corner: Vec<u32>,
+    /// Chart by triangle, or [`NO_CHART`].
+    pub(super) chart: Vec<u32>,
+    pub(super) atlas: Atlas,
+    pub(super) patches: Patches,
+    pub(super) graph: PatchGraph,
+    /// Mean light over the surface, largest channel, in the unit of the pages.
+    pub(super) mean: f32,
+}
+
+impl<'a> Subject<'a> {
+    /// Prepares a document.
+    ///
+    /// # Errors
+    /// If its pages are too large, or its triangles cover them so often that it cannot be a lightmap layout.
+    pub(super) fn new(
+        settings: &'a Settings,
+        tracer: &'a Tracer<'a>,
+        lightmaps: &'a Lightmaps,
+        progress: &Progress,
+    ) -> Result<Self, Error> {
+        let scene = tracer.scene();
+        let flat = parallel::map_light(scene.triangles.len(), |t| flatten(scene, lightmaps, t as u32));
+        let area = parallel::map_light(scene.triangles.len(), |t| scene.area(t as u32));
+        let size = page_size(scene, lightmaps, &flat)?;
+        let corner = corners(scene, &flat);
+        let chart = charts(scene, &flat, &corner);
+        let atlas = atlas(scene, &flat, &chart, size, lightmaps.pages().len() as u32);
+        let patches = Patches::new(tracer, &atlas, progress);
+        let graph = PatchGraph::new(&patches, tracer, progress);
+        let mut subject =
+            Self { settings, scene, lightmaps, tracer, flat, area, corner, chart, atlas, patches, graph, mean: 0.0 };
+        subject.mean = subject.mean_light();
+        Ok(subject)
+    }
+
+    fn mean_light(&self) -> f32 {
+        let n = self.patches.front;
+        let weight = |i: usize| f64::from(self.patches.exposed_area(i));
+        let light = parallel::sum(n, |i| weight(i) * f64::from(self.light(i).max_element().clamp(0.0, 65504.0)));
+        let area = parallel::sum(n, weight);
+        if area > 0.0 { (light / area) as f32 } else { 0.0 }
+    }
+
+    /// A page.
+    pub(super) fn page(&self, page: u32) -> &ImageF32 {
+        &self.lightmaps.pages()[page as usize]
+    }
+
+    /// Value of a texel; beyond the page that of its border, as samplers read it.
+    pub(super) fn texel(&self, page: u32, x: i32, y: i32) -> [f32; 4] {
+        let image = self.page(page);
+        let x = x.clamp(0, image.width as i32 - 1) as usize;
+        let y = y.clamp(0, image.height as i32 - 1) as usize;
+        image.pixels[y * image.width as usize + x]
+    }
+
+    /// Light in the texel of a front patch.
+    pub(super) fn light(&self, front: usize) -> Rgb {
+        let (x, y) = self.patches.texel_xy(front);
+        rgb(self.texel(self.patches.page(front), x as i32, y as i32))
+    }
+
+    /// Difference of two lights over their mean, in the channel where it is largest. Dark ones are compared with a part
+    /// of the mean of the scene.
+    pub(super) fn relative(&self, a: Rgb, b: Rgb) -> f64 {
+        let mean = 0.5 * (a + b).max_element();
+        let scale = mean.max(FLOOR * self.mean);
+        if scale > 0.0 { f64::from((a - b).abs().max_element() / scale) } else { 0.0 }
+    }
+
+    /// A texel of a patch lies in one chart alone.
+    pub(super) fn is_pure(&self, front: usize) -> bool {
+        let chart = self.patches.chart(front);
+        self.patches.triangles(front).iter().all(|&t| self.chart[t as usize] == chart)
+    }
+
+    /// The surface of a patch at its centroid.
+    pub(super) fn middle(&self, front: usize) -> SurfacePoint {
+        let within = self.patches.centroid[front].as_dvec2();
+        let distance = |p: &raster::Polygon| p.centroid().distance_squared(within);
+        let nearest = self.patches.pieces(front).min_by(|a, b| distance(&a.1).total_cmp(&distance(&b.1)));
+        let triangle = nearest.map_or(0, |(t, _)| t);
+        self.patches.point_on(front, triangle, within)
+    }
+
+    /// A spot in words and numbers.
+    pub(super) fn place(&self, spot: &Spot) -> Place {
+        let SurfacePoint { triangle, b } = spot.point;
+        let (scene, part) = (self.scene, self.scene.part(triangle));
+        let flat = self.flat[triangle as usize];
+        let at = flat.map(|f| f.uv[0] + (f.uv[1] - f.uv[0]) * b.x + (f.uv[2] - f.uv[0]) * b.y);
+        let size = self.area[triangle as usize].sqrt() as f32;
+        let texels = flat.map_or(0.0, |f| texel_area(&f.uv).sqrt());
+        let edge = if texels > 1e-3 { size / texels as f32 } else { size };
+        Place {
+            value: spot.value,
+            node: part.name.clone(),
+            mesh: [part.mesh, part.primitive],
+            position: scene.position(triangle, b).to_array(),
+            normal: scene.geometric_normal(triangle).to_array(),
+            page: flat.map(|f| f.page as usize),
+            texel: at.map(|p| [p.x.floor() as i32, p.y.floor() as i32]),
+            scale: (6.0 * edge).max(1e-4),
+        }
+    }
+}
+
+/// The colour of a texel.
+pub(super) fn rgb(texel: [f32; 4]) -> Rgb {
+    Rgb::new(texel[0], texel[1], texel[2])
+}
+
+/// Area of a triangle on its page [texel²].
+pub(super) fn texel_area(uv: &[Vec2; 3]) -> f64 {
+    let [a, b, c] = uv.map(|p| p.as_dvec2());
+    0.5 * (b - a).perp_dot(c - a).abs()
+}
+
+fn flatten(scene: &Scene, lightmaps: &Lightmaps, triangle: u32) -> Option<Flat> {
+    if !scene.part(triangle).receives {
+        return None;
+    }
+    let (page, intensity) = lightmaps.page(scene, triangle)?;
+    let uv = lightmaps.texels(scene, triangle)?.map(snap);
+    let image = &lightmaps.pages()[page];
+    let size = Vec2::new(image.width as f32, image.height as f32);
+    let within = |p: &Vec2| {
+        let p = *p / size;
+        p.is_finite() && p.min_element() >= -BORDER && p.max_element() <= 1.0 + BORDER
+    };
+    Some(Flat { uv, page: page as u32, intensity, inside: uv.iter().all(within) })
+}
+
+/// A position on the grid of [`GRID`]. Coordinates are written as parts of the page, so texel borders come back a little
+/// off, and a chart would seem to reach into the next texel.
+fn snap(texels: Vec2) -> Vec2 {
+    let snapped = (texels * GRID + 0.5).floor() / GRID;
+    if snapped.is_finite() { snapped } else { texels }
+}
+
+/// Size of the largest page, if triangles lie on the pages in a way that can be worked with.
+fn page_size(scene: &Scene, lightmaps: &Lightmaps, flat: &[Option<Flat>]) -> Result<[u32; 2], Error> {
+    let fail = |message: String| Err(Error::invalid(&scene.document.path, message));
+    let pages = lightmaps.pages();
+    let size = |f: fn(&ImageF32) -> u32| pages.iter().map(f).max().unwrap_or(1).max(1);
+    let (width, height) = (size(|p| p.width), size(|p| p.height));
+    let texels = u64::from(width).saturating_mul(u64::from(height)).saturating_mul(pages.len() as u64);
+    if texels > MOST_TEXELS {
+        return fail(format!("{} pages of up to {width} × {height} texels are more than can be checked", pages.len()));
+    }
+    let cells = |f: &Flat| {
+        let [a, b, c] = f.uv;
+        let extent = a.max(b).max(c) - a.min(b).min(c);
+        texel_area(&f.uv) + f64::from(extent.element_sum()) + 1.0
+    };
+    let claimed = flat.iter().flatten().filter(|f| f.inside).map(cells).fold(0.0, |a, b| a + b);
+    let room = MOST_LAYERS * texels as f64 + 64.0 * flat.len() as f64;
+    if claimed > room.min(f64::from(u32::MAX) * 0.5) {
+        let times = claimed / texels.max(1) as f64;
+        return fail(format!(
+            "its triangles cover the lightmap pages about {times:.0} times; this is no lightmap layout"
+        ));
+    }
+    Ok([width, height])
+}
+
+/// Class of each vertex: place in the world, page and place on it, by their bits.
+fn corners(scene: &Scene, flat: &[Option<Flat>]) -> Vec<u32> {
+    let mut keys = vec![([0u32; 6], u32::MAX); scene.vertices.position.len()];
+    for (t, f) in flat.iter().enumerate() {
+        let Some(f) = f else { continue };
+        for (v, uv) in scene.triangles[t].iter().zip(f.uv) {
+            let p = scene.vertices.position[*v as usize];
+            // Adding 0 makes −0 the same as 0.
+            let bits = [p.x, p.y, p.z, uv.x, uv.y].map(|x| (x + 0.0).to_bits());
+            keys[*v as usize] = ([f.page, bits[0], bits[1], bits[2], bits[3], bits[4]], *v);
+        }
+    }
+    keys.par_sort_unstable();
+    let mut class = vec![u32::MAX; keys.len()];
+    let mut count = 0;
+    for (k, (key, vertex)) in keys.iter().enumerate() {
+        count += u32::from(k > 0 && keys[k - 1].0 != *key);
+        if *vertex != u32::MAX {
+            class[*vertex as usize] = count;
+        }
+    }
+    class
+}
+
+/// Charts by triangle, numbered by first appearance.
+fn charts(scene: &Scene, flat: &[Option<Flat>], corner: &[u32]) -> Vec<u32> {
+    let usable = |t: usize| flat[t].is_some_and(|f| f.inside && texel_area(&f.uv) > 0.0);
+    let members: Vec<usize> = (0..flat.len()).filter(|&t| usable(t)).collect();
+    let mut edges: Vec<(u32, u32, u32)> = Vec::with_capacity(3 * members.len());
+    for (m, &t) in members.iter().enumerate() {
+        let class = scene.triangles[t].map(|v| corner[v as usize]);
+        for k in 0..3 {
+            let (a, b) = (class[k], class[(k + 1) % 3]);
+            edges.push((a.min(b), a.max(b), m as u32));
+        }
+    }
+    edges.par_sort_unstable();
+    let mut sets = Sets::new(members.len());
+    for pair in edges.windows(2) {
+        if (pair[0].0, pair[0].1) == (pair[1].0, pair[1].1) {
+            sets.join(pair[0].2 as usize, pair[1].2 as usize);
+        }
+    }
+    let mut chart = vec![NO_CHART; flat.len()];
+    for (number, t) in sets.numbers().into_iter().zip(members) {
+        chart[t] = number;
+    }
+    chart
+}
+
+fn atlas(scene: &Scene, flat: &[Option<Flat>], chart: &[u32], page_size: [u32; 2], pages: u32) -> Atlas {
+    let mut atlas = Atlas { page_size, pages, ..Atlas::default() };
+    for (index, part) in scene.parts.iter().enumerate() {
+        let range = part.triangles.start as usize..part.triangles.end as usize;
+        let mut charted = ChartedPart {
+            source_vertex: (0..part.vertices.len() as u32).collect(),
+            uv: vec![Vec2::ZERO; part.vertices.len()],
+            chart: chart[range.clone()].to_vec(),
+            ..ChartedPart::default()
+        };
+        for t in range {
+            let local = scene.triangles[t].map(|v| v - part.vertices.start);
+            charted.triangles.push(local);
+            let Some(f) = flat[t] else { continue };
+            local.iter().zip(f.uv).for_each(|(v, uv)| charted.uv[*v as usize] = uv);
+            if chart[t] != NO_CHART && chart[t] as usize == atlas.charts.len() {
+                atlas.charts.push(Chart { part: index as u32, page: f.page });
+            }
+        }
+        atlas.parts.push(charted);
+    }
+    atlas
+}
+
+/// A triangle as an affine map from its page to the world, also beyond its edges; `None` without area on the page.
+pub(super) fn world_of(scene: &Scene, flat: &Flat, triangle: u32, at: DVec2) -> Option<Vec3> {
+    let [a, b, c] = flat.uv.map(|p| p.as_dvec2());
+    let (e1, e2, p) = (b - a, c - a, at - a);
+    let area = e1.perp_dot(e2);
+    let (b1, b2) = (p.perp_dot(e2) / area, e1.perp_dot(p) / area);
+    let [p0, p1, p2]: [DVec3; 3] = scene.corners(triangle).map(|p| p.as_dvec3());
+    let world = p0 + (p1 - p0) * b1 + (p2 - p0) * b2;
+    world.is_finite().then(|| world.as_vec3())
+}
