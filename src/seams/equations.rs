@@ -2,7 +2,7 @@
 //!
 //! In: [`Row`]s, and lightmaps with filled borders. Out: these lightmaps with the texels along seams changed.
 //!
-//! Unknown are the texels x ≥ 0 that any row reads; x₀ is what they hold. Asked for, by weight:
+//! Unknown are the texels x that any row reads; x₀ is what they hold, and x ≥ [`LEAST`] x₀. Asked for, by weight:
 //! * [`STITCH`] per texel of seam, and more in the dark: the look-ups on the two sides of a row agree.
 //! * The part of the texel that is exposed surface: a whole texel keeps x₀. One that a chart's border cuts has its light
 //!   at the centroid of its surface: the look-up there gives x₀. (All held in place instead, spheres and tori came out up
@@ -16,7 +16,7 @@
 //! 3.4 % and 0.4, 0.5 %; 10,000 in bright places as well: 3.8, 3.6 % and 0.4, 0.4 %.
 //!
 //! Weights come from one lightmap, the guide, so that lightmaps that add up to it still do when all of them are stitched,
-//! as far as nothing has to be kept from going below zero.
+//! as far as no texel has to be kept from getting too dark.
 
 use crate::base::Progress;
 use crate::base::Rgb;
@@ -37,6 +37,8 @@ const STRAIGHT: f64 = 0.005;
 const ASIDE: f32 = 0.02;
 /// Light, as part of the mean along seams, below which steps do not count more.
 const DARK: f64 = 0.2;
+/// The least that a texel may hold, as part of what it held: none turns black where light falls off steeply.
+const LEAST: f64 = 0.25;
 /// Neighbours of a texel, in the order in which they are tried.
 const AROUND: [(i32, i32); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 1), (1, -1), (-1, -1)];
 
@@ -209,8 +211,14 @@ impl Equations {
             let asked = |(d, factor): (&Demand, f64)| like(d) * (d.weight * factor);
             self.around(i).map(asked).fold(start[i] * self.keep[i], |a, b| a + b)
         });
-        let values = nonnegative::solve(self, &load, start, CLOSE, progress);
-        self.texels.iter().copied().zip(values.into_iter().map(|v| v.as_vec3())).collect()
+        // Solved for what is above the least.
+        let least = parallel::map_light(start.len(), |i| start[i] * LEAST);
+        let below = nonnegative::Equations::times(self, &least);
+        let load = parallel::map_light(start.len(), |i| load[i] - below[i]);
+        let above = start.iter().zip(&least).map(|(x, least)| *x - *least).collect();
+        let above = nonnegative::solve(self, &load, above, CLOSE, progress);
+        let values = least.iter().zip(above).map(|(least, above)| (*least + above).as_vec3());
+        self.texels.iter().copied().zip(values).collect()
     }
 }
 

@@ -9,7 +9,7 @@
 //!
 //! Source: M. Iwanicki, "Lighting Technology of The Last of Us", SIGGRAPH 2013 talks; others
 //! use the same least squares for textures. Where we differ: seams between meshes count; no row where something stands
-//! on the seam or it lies inside a solid; light of cut texels lies where their surface is; no value goes below zero.
+//! on the seam or it lies inside a solid; light of cut texels lies where their surface is; no texel turns black.
 //!
 //! Invariants (`tests/seams.rs`): constant light stays as it is; nothing changes away from seams; the same bits at any
 //! thread count.
