@@ -422,21 +422,19 @@ const CLEAN: [(&str, &str); 7] = [
     ("freedoom/freedoom-map01.glb", "0.5"),
 ];
 
-/// What coarse bakes exceed, and by how much at most: mip levels mix charts that are four texels apart, nothing makes
-/// seams agree, and texels wider than furniture mix what is on both sides of it.
-const KNOWN: [(&str, Kind, f64); 23] = [
+/// What coarse bakes exceed, and by how much at most: mip levels mix charts that are four texels apart, texels wider than
+/// furniture mix what is on both sides of it, and charts narrower than a texel cannot agree with all their neighbours.
+const KNOWN: [(&str, Kind, f64); 20] = [
     ("cornell/cornell.gltf", Kind::MipBleeding, 1.4),
-    ("cornell/cornell.gltf", Kind::SeamStep, 0.18),
     ("cornell/cornell.gltf", Kind::DarkStrip, 0.18),
     ("office/office.glb", Kind::MipBleeding, 64.0),
     ("office/office.glb", Kind::SeamStep, 2.01),
     ("office/office.glb", Kind::Leaks, 0.77),
     ("office/office.glb", Kind::DarkStrip, 0.99),
     ("two-rooms/two-rooms.glb", Kind::MipBleeding, 96.0),
-    ("two-rooms/two-rooms.glb", Kind::SeamStep, 0.065),
     ("two-rooms/two-rooms.glb", Kind::DarkStrip, 0.38),
     ("courtyard/courtyard.gltf", Kind::MipBleeding, 28.0),
-    ("courtyard/courtyard.gltf", Kind::SeamStep, 2.01),
+    ("courtyard/courtyard.gltf", Kind::SeamStep, 0.65),
     ("courtyard/courtyard.gltf", Kind::DarkStrip, 0.58),
     ("chairs/chairs.glb", Kind::MipBleeding, 3.0),
     ("chairs/chairs.glb", Kind::DarkStrip, 0.32),
@@ -444,8 +442,7 @@ const KNOWN: [(&str, Kind, f64); 23] = [
     ("room/room.glb", Kind::SeamStep, 2.01),
     ("room/room.glb", Kind::DarkStrip, 0.97),
     ("freedoom/freedoom-map01.glb", Kind::MipBleeding, 74.0),
-    ("freedoom/freedoom-map01.glb", Kind::SeamStep, 2.01),
-    ("freedoom/freedoom-map01.glb", Kind::Leaks, 0.14),
+    ("freedoom/freedoom-map01.glb", Kind::SeamStep, 1.5),
     ("freedoom/freedoom-map01.glb", Kind::DarkStrip, 0.99),
     ("freedoom/freedoom-map01.glb", Kind::Firefly, 3.0),
 ];
@@ -461,7 +458,6 @@ fn clean_bakes_have_no_faults_but_the_known_ones() {
         assert_eq!(found.measures.len(), Kind::ALL.len());
         for measure in found.measures.iter().filter(|m| m.fault) {
             let known = KNOWN.iter().find(|(scene, kind, _)| *scene == name && kind.name() == measure.name);
-            eprintln!("{name} {} {:.5}", measure.name, measure.value);
             if known.is_none_or(|(.., most)| measure.value > *most) {
                 wrong.push(format!("{name}: {} is {:.4}", measure.name, measure.value));
             }

@@ -232,7 +232,7 @@ mod tests {
             keys(&value),
             "{atlas{charts,page_size[],pages,texels,utilization},error{estimated_nrmse},gather{rays,rays_per_texel},\
              inputs,light_groups[{files[],name}],outputs,peak_memory_bytes,rays,rays_per_second,\
-             refinement{ended_by,passes[{budget,estimated_nrmse,seconds}],target_error,time_limit},scene{instances,lights,materials,triangles},schema,\
+             refinement{ended_by,passes[{budget,estimated_nrmse,seconds}],target_error,time_limit},scene{instances,lights,materials,triangles},schema,seams{points,step,step_before,worst,worst_at[]},\
              settings{},stages[{name,seconds}],version,vertices{averaged_nrmse,fit_nrmse,sampled_nrmse,triangles,unknowns,vertices},walk{bounces,lines,power_absorbed[],power_escaped[],power_in[],\
              power_residual[]},warnings[{code,message,node}]}"
         );
