@@ -218,18 +218,30 @@ fn results(
         }
         lightmap
     };
+    let finished: Vec<Lightmap> = solution.groups.iter().map(|values| finish(values)).collect();
+    lightmap = if finished.is_empty() { finish(&whole) } else { sum(&finished) };
     // A single group is the whole; it gets its file all the same where groups are asked for.
-    let values = if solution.groups.is_empty() { core::slice::from_ref(&whole) } else { solution.groups.as_slice() };
-    let named = groups.iter().zip(values).filter(|_| settings.light_groups);
-    lightmap = finish(&whole);
+    let maps = if finished.is_empty() { vec![lightmap.clone(); usize::from(settings.light_groups)] } else { finished };
     write::Results {
-        groups: named.map(|(group, values)| (group.name.clone(), finish(values))).collect(),
+        groups: groups.iter().zip(maps).map(|(group, map)| (group.name.clone(), map)).collect(),
         aovs: layers::layers(setup, atlas.pages, solution, factor, &finish),
         steps: [step_before, seams.steps(setup.patches, &lightmap)],
         lightmap,
         vertices: None,
         noise: vec![],
     }
+}
+
+/// The light of all lightmaps, which cover the same texels. None of them gives no pages.
+fn sum(lightmaps: &[Lightmap]) -> Lightmap {
+    let Some((first, others)) = lightmaps.split_first() else { return Lightmap::default() };
+    let mut sum = first.clone();
+    for page in others.iter().flat_map(|lightmap| lightmap.pages.iter().enumerate()) {
+        for (to, from) in sum.pages[page.0].pixels.iter_mut().zip(&page.1.pixels) {
+            (0..3).for_each(|c| to[c] += from[c]);
+        }
+    }
+    sum
 }
 
 /// What is stored for an irradiance of 1 lx.

@@ -84,9 +84,10 @@ fn torus() -> Vec<[DVec3; 3]> {
     (0..64 * 32).map(cell).flat_map(|(a, b, c, d)| [[a, b, c], [a, c, d]]).collect()
 }
 
-/// A sun with a soft shadow across the middle, a sky, and a little light from below.
+/// A sun with soft shadows every few metres, a sky, and a little light from below.
 fn sunny(p: Vec3, n: Vec3) -> Rgb {
-    let sun = n.dot(Vec3::new(0.48, 0.8, 0.36)).max(0.0) * (0.55 + 0.45 * libm::tanhf(3.0 * p.x + p.z));
+    let sun =
+        n.dot(Vec3::new(0.48, 0.8, 0.36)).max(0.0) * (0.55 + 0.45 * libm::tanhf(3.0 * libm::sinf(p.x + 0.3 * p.z)));
     Rgb::new(1.0, 0.9, 0.75) * sun + Rgb::new(0.2, 0.3, 0.5) * (1.0 + n.y) + 0.05
 }
 
@@ -129,7 +130,7 @@ fn steps_vanish_on_smooth_bodies_and_between_modular_pieces() {
         for density in [8.0, 32.0] {
             let [before, after] = stitched(scene, density, sunny).steps;
             eprintln!("{name} {density}: {} points, {:.4} → {:.5}", after.points, before.p999, after.p999);
-            assert!(after.points > 100 && before.p999 > 0.02, "{name} {density}: {before:?}");
+            assert!(after.points > 100 && before.p999 > 0.01, "{name} {density}: {before:?}");
             // The lumps of the body are a few texels wide: more weight on seams would take light farther from the truth.
             let most = if *name == "body" { 0.01 } else { 0.005 };
             assert!(after.p999 < most, "{name} {density}: {after:?}");
@@ -189,7 +190,9 @@ fn parts_of_the_light_are_stitched_as_their_sum_is() {
         lightmap
     });
     for ((a, b), sum) in a.pixels().zip(b.pixels()).zip(sum.pixels()) {
-        assert!((0..3).all(|c| (a[c] + b[c] - sum[c]).abs() <= 1e-3 * sum[c].max(0.1)), "{a:?} {b:?} {sum:?}");
+        // What was filled beyond a corner is hardly asked for anything, and solved less exactly.
+        let most = if sum[3] > 0.0 { 5e-4 } else { 1e-2 };
+        assert!((0..3).all(|c| (a[c] + b[c] - sum[c]).abs() <= most * sum[c].max(0.1)), "{a:?} {b:?} {sum:?}");
     }
 }
 
