@@ -6,17 +6,18 @@
 //! * [`STITCH`] per texel of seam, and more in the dark: the look-ups on the two sides of a row agree.
 //! * The part of the texel that is exposed surface: a whole texel keeps x₀. One that a chart's border cuts has its light
 //!   at the centroid of its surface: the look-up there gives x₀. (With all held in place instead, pictures of a lumpy
-//!   body at 16 texels per metre were 3.7 % off, not 3.5 %.)
+//!   body at 16 texels per metre were farther off by a twentieth.)
 //! * [`STRAIGHT`]: what was filled beyond a border continues the two texels before it on a straight line.
 //! * [`HOLD`]: x₀, where none of this says enough.
 //!
 //! The two sides have lattices of their own, so both can only agree fully where light is straight along the seam: more
-//! weight makes smaller steps and takes light farther from the truth. Pictures of a torus and of a lumpy body, each 2 m
-//! wide, at 16 texels per metre against 64: unstitched 3.7 and 3.1 % NRMSE; with a weight of 1,000 3.7 and 3.4 %, with
-//! 2,000 3.7 and 3.5 %. Steps of the body at 32 texels per metre (99.9 %): unstitched 66 %, then 0.28 % and 0.21 %.
+//! weight makes smaller steps, takes light farther from the truth, and shows as ridges across the seam. Pictures of a
+//! torus and of a lumpy body, each 2 m wide, at 16 texels per metre against 64: unstitched 3.7 and 3.1 % NRMSE, with
+//! weights of 100, 300, 2,000 it is 3.7 and 3.2, 3.3, 3.5 %. Steps of the body (99.9 %), 32 and 8 texels per metre:
+//! unstitched 66 and 157 %, then 0.6 and 3.1, 0.4 and 2.1, 0.2 and 1.1 %.
 //!
 //! Weights come from one lightmap, the guide, so that lightmaps that add up to it still do when all of them are stitched,
-//! as far as no texel has to be kept from getting too dark.
+//! within 0.2 % and as far as no texel has to be kept from getting too dark.
 
 use crate::base::Progress;
 use crate::base::Rgb;
@@ -28,7 +29,7 @@ use glam::DVec3;
 use glam::Vec2;
 
 /// Weight of a texel's length of seam, against that of a whole texel's light.
-const STITCH: f64 = 2000.0;
+const STITCH: f64 = 300.0;
 /// Weight of what a texel holds, where something else says what it should.
 const HOLD: f64 = 0.05;
 /// Weight of a straight continuation beyond the border of a chart.
@@ -36,7 +37,7 @@ const STRAIGHT: f64 = 0.005;
 /// Distance of a texel's surface from its middle [texels], from which on it speaks for its own place.
 const ASIDE: f32 = 0.02;
 /// Light, as part of the mean along seams, below which steps do not count more.
-const DARK: f64 = 0.1;
+const DARK: f64 = 0.2;
 /// The least that a texel may hold, as part of what it held: none turns black where light falls off steeply.
 const LEAST: f64 = 0.25;
 /// Neighbours of a texel, in the order in which they are tried.
