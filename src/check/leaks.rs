@@ -13,7 +13,7 @@ use super::measure::{Kind, Measure, Tally};
 use super::subject::{FLOOR, Subject};
 use crate::base::low_discrepancy::Sequence;
 use crate::base::{Rgb, parallel};
-use crate::patches::{PatchSurface, Spot, SurfacePoint};
+use crate::patches::{HEIGHTS, PatchSurface, Spot, SurfacePoint};
 use glam::Vec2;
 
 /// Points per texel, and in all.
@@ -31,9 +31,6 @@ const LIT: f32 = 0.1;
 
 /// Texels that differ by less can neither leak nor darken by a twentieth.
 const ALIKE: f32 = 0.99;
-
-/// Heights of the sight lines in texel edges.
-const HEIGHTS: [f32; 2] = [0.06, 0.3];
 
 /// Least weight of what is seen: below it, it is rounding.
 const LEAST_WEIGHT: f32 = 1e-3;

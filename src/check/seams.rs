@@ -11,7 +11,7 @@ use super::measure::{Kind, Measure, Tally};
 use super::subject::{Subject, texel_area};
 use crate::atlas::NO_CHART;
 use crate::base::parallel;
-use crate::patches::SurfacePoint;
+use crate::patches::{HEIGHTS, SurfacePoint};
 use crate::vertices;
 use glam::{Vec2, Vec3};
 use rayon::slice::ParallelSliceMut;
@@ -30,8 +30,7 @@ const MOST: usize = 2048;
 /// Triangles at one edge beyond which it is no surface.
 const CROWD: usize = 8;
 
-/// Heights of the sight lines between both sides, and how far from the edge they start, in texel edges.
-const HEIGHTS: [f32; 2] = [0.06, 0.3];
+/// How far from the edge the sight lines between both sides start, in texel edges.
 const ASIDE: f32 = 0.1;
 
 /// Points are taken this far from their edge, so that they lie in their triangle: a share of the way to its middle.

@@ -313,7 +313,7 @@ fn straight(patches: &Patches, texel: u32, open: impl Fn(i32, i32) -> Option<usi
         let [near, far] = [open(dx, dy), open(2 * dx, 2 * dy)];
         near.zip(far).is_some_and(|(a, b)| patches.chart(a) == patches.chart(b))
     })?;
-    let step = |k: i32| (texel as i32 + k * (dy * width + dx)) as u32;
+    let step = |k: i32| (i64::from(texel) + i64::from(k * (dy * width + dx))) as u32;
     let mut demand = Demand { texel: [texel; 8], factor: [0.0; 8], weight: STRAIGHT, like: None };
     demand.texel[..3].copy_from_slice(&[texel, step(1), step(2)]);
     demand.factor[..3].copy_from_slice(&[1.0, -2.0, 1.0]);
