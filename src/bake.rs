@@ -208,18 +208,18 @@ fn results(
     let settings = setup.settings;
     let factor = stored(settings.quantity);
     let whole = solution.halves.irradiance();
-    let mut lightmap = on_pages(setup, atlas.pages, &whole, factor);
-    let step_before = seams.steps(setup.patches, &lightmap);
-    let stitcher = seams.stitcher(setup.patches, &lightmap);
-    let finish = |values: &[Rgb]| {
-        let mut lightmap = on_pages(setup, atlas.pages, values, factor);
+    let unstitched = on_pages(setup, atlas.pages, &whole, factor);
+    let step_before = seams.steps(setup.patches, &unstitched);
+    let stitcher = seams.stitcher(setup.patches, &unstitched);
+    let stitched = |mut lightmap: Lightmap| {
         if let Some(stitcher) = &stitcher {
             stitcher.stitch(&mut lightmap, progress);
         }
         lightmap
     };
+    let finish = |values: &[Rgb]| stitched(on_pages(setup, atlas.pages, values, factor));
     let finished: Vec<Lightmap> = solution.groups.iter().map(|values| finish(values)).collect();
-    lightmap = if finished.is_empty() { finish(&whole) } else { sum(&finished) };
+    let lightmap = if finished.is_empty() { stitched(unstitched) } else { sum(&finished) };
     // A single group is the whole; it gets its file all the same where groups are asked for.
     let maps = if finished.is_empty() { vec![lightmap.clone(); usize::from(settings.light_groups)] } else { finished };
     write::Results {

@@ -148,9 +148,7 @@ fn texel_edge(subject: &Subject<'_>, triangle: u32) -> f32 {
 fn is_open(subject: &Subject<'_>, point: SurfacePoint) -> bool {
     let Some(flat) = subject.flat[point.triangle as usize] else { return false };
     let at = flat.uv[0] + (flat.uv[1] - flat.uv[0]) * point.b.x + (flat.uv[2] - flat.uv[0]) * point.b.y;
-    let floor = at.floor();
-    let front = subject.patches.front_at(flat.page, floor.x as i32, floor.y as i32);
-    front.is_some_and(|i| subject.patches.exposed[i] > 0.0 && subject.patches.is_exposed_at(i, (at - floor).as_dvec2()))
+    subject.patches.is_open(flat.page, at)
 }
 
 fn see_each_other(subject: &Subject<'_>, points: [SurfacePoint; 2], along: Vec3, edge: f32) -> bool {

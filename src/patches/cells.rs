@@ -41,7 +41,7 @@ impl Patches {
     pub fn is_open(&self, page: u32, uv: Vec2) -> bool {
         let corner = uv.floor();
         let Some(front) = self.front_at(page, corner.x as i32, corner.y as i32) else { return false };
-        self.exposed[front] > 0.0 && self.mask[front] >> cell_index((uv - corner).as_dvec2(), MASK_GRID) & 1 == 1
+        self.exposed[front] > 0.0 && self.is_exposed_at(front, (uv - corner).as_dvec2())
     }
 
     /// Calls `visit(point, within, area)` for each cell of an n × n grid over the texel that the exposed part of the
