@@ -27,7 +27,10 @@ NODE = ROOT / "target" / "crosscheck-node"
 LOCK = ROOT / "target" / "crosscheck.lock"
 # Python versions for which Blender's module is published, as listed in requirements.txt.
 PYTHON_VERSIONS = ((3, 11), (3, 13))
-NODE_PACKAGES = ("gltf-validator@2.0.0-dev.3.10", "ktx-parse@2.0.0")
+NODE_PACKAGES = (
+    "gltf-validator@2.0.0-dev.3.10", "ktx-parse@2.0.0", "gltfpack@1.3.0", "meshoptimizer@1.3.0", "draco3dgltf@1.5.7",
+    "@gltf-transform/core@4.5.1", "@gltf-transform/extensions@4.5.1", "@gltf-transform/functions@4.5.1",
+)
 INSTALL_TIMEOUT_SECONDS = 1500
 
 

@@ -3,7 +3,8 @@
 //! The text is kept so that `output` can splice its additions into it and leave every other byte alone.
 //!
 //! Invariant: `buffers` has one entry per buffer of the document, of exactly its `byteLength`, all of it really read:
-//! no allocation trusts a number of the document.
+//! no allocation trusts a number of the document. Buffers that only stand for what is compressed are empty. Behind them
+//! are buffers with what was decompressed (`meshopt`, `draco`), to which views of `root` were turned.
 
 use super::Error;
 use super::container;
@@ -30,7 +31,7 @@ pub struct Document {
     pub bin: Option<Vec<u8>>,
     /// Further GLB chunks as (type, bytes), in file order.
     pub extra_chunks: Vec<(u32, Vec<u8>)>,
-    /// Bytes of every buffer, by buffer index.
+    /// Bytes of every buffer, by buffer index, then what was decompressed.
     pub buffers: Vec<Vec<u8>>,
     /// Every file that was read, the document itself first: buffers, images.
     pub files_read: Vec<PathBuf>,
@@ -60,6 +61,10 @@ impl Document {
         for index in 0..self.root.buffers.len() {
             let length = self.root.buffers[index].byte_length;
             let context = format!("buffer {index}");
+            if self.root.buffers[index].extensions.is_fallback() {
+                self.buffers.push(Vec::new());
+                continue;
+            }
             let mut bytes = match &self.root.buffers[index].uri {
                 Some(uri) => {
                     let uri = uri.clone();
@@ -67,7 +72,7 @@ impl Document {
                 }
                 None => match (&self.bin, index) {
                     (Some(bin), 0) => bin[..bin.len().min(length)].to_vec(),
-                    _ => return Err(self.missing_bytes(index)),
+                    _ => return Err(Error::invalid(format!("{context} has neither a URI nor a GLB BIN chunk"))),
                 },
             };
             if bytes.len() < length {
@@ -78,17 +83,6 @@ impl Document {
             self.buffers.push(bytes);
         }
         Ok(())
-    }
-
-    fn missing_bytes(&self, index: usize) -> Error {
-        let extensions = &self.root.buffers[index].extensions;
-        if extensions.ext_meshopt.is_some() || extensions.khr_meshopt.is_some() {
-            return Error::unsupported(format!(
-                "buffer {index} exists only with meshopt compression; decompress the file first, for example with \
-                 `gltf-transform copy`"
-            ));
-        }
-        Error::invalid(format!("buffer {index} has neither a URI nor a GLB BIN chunk"))
     }
 
     /// The bytes behind a URI, at most `limit` of them; notes the file in `files_read`.
@@ -136,6 +130,12 @@ impl Document {
                 "buffer view {index} ({length} bytes at offset {start}) reaches beyond buffer {buffer} of {have} bytes"
             ))
         })
+    }
+
+    /// Adds bytes that were decompressed; the index of their buffer.
+    pub(super) fn add_buffer(&mut self, bytes: Vec<u8>) -> usize {
+        self.buffers.push(bytes);
+        self.buffers.len() - 1
     }
 }
 

@@ -8,12 +8,15 @@ use super::schema::Root;
 use crate::base::Warning;
 
 /// Read and honoured.
-const IMPLEMENTED: [&str; 7] = [
+const IMPLEMENTED: [&str; 10] = [
+    "EXT_meshopt_compression",
     "EXT_texture_webp",
+    "KHR_draco_mesh_compression",
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_unlit",
     "KHR_mesh_quantization",
+    "KHR_meshopt_compression",
     "KHR_node_visibility",
     "KHR_texture_transform",
 ];
@@ -45,10 +48,7 @@ const NEUTRAL: [&str; 20] = [
 ];
 
 /// What to do about extensions that people meet.
-const ADVICE: [(&str, &str); 8] = [
-    ("KHR_draco_mesh_compression", "decompress the file first, for example with `gltf-transform copy`"),
-    ("EXT_meshopt_compression", "decompress the file first, for example with `gltf-transform copy`"),
-    ("KHR_meshopt_compression", "decompress the file first, for example with `gltf-transform copy`"),
+const ADVICE: [(&str, &str); 5] = [
     ("KHR_texture_basisu", "bake the version of the file that still has PNG or JPEG textures"),
     ("MSFT_texture_dds", "bake the version of the file that still has PNG or JPEG textures"),
     ("EXT_texture_avif", "bake the version of the file that still has PNG or JPEG textures"),

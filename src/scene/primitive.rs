@@ -58,16 +58,9 @@ pub(super) fn survey(
         return Err(Error::invalid(format!("{name}: mode {mode} does not exist")));
     }
     let Some(&position) = entry.attributes.get("POSITION") else {
-        if entry.extensions.draco.is_some() {
-            return Err(draco(&name));
-        }
         warnings.push(Warning::new("no-positions", format!("{name} has no POSITION and was skipped")));
         return Ok(None);
     };
-    let stored = document.root.accessors.get(position).is_some_and(|a| a.buffer_view.is_some() || a.sparse.is_some());
-    if entry.extensions.draco.is_some() && !stored {
-        return Err(draco(&name));
-    }
     if mode < 4 {
         warnings.push(Warning::new("not-triangles", format!("{name} consists of points or lines and was skipped")));
         return Ok(None);
@@ -87,12 +80,6 @@ pub(super) fn survey(
         return Ok(None);
     }
     Ok(Some(Size { vertices, triangles }))
-}
-
-fn draco(name: &str) -> Error {
-    Error::unsupported(format!(
-        "{name} exists only with KHR_draco_mesh_compression; decompress the file first, for example with `gltf-transform copy`"
-    ))
 }
 
 /// Reads a primitive that [`survey`] found to have triangles. `uv_sets` says which texture coordinates to read.

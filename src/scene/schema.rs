@@ -12,6 +12,8 @@
 
 #![allow(missing_docs, reason = "the names are those of the glTF 2.0 specification and its extensions")]
 
+pub use super::draco::Draco;
+pub use super::meshopt::{CompressedView, Fallback, Meshopt};
 use serde::Deserialize;
 use serde::Deserializer;
 use serde::de::IgnoredAny;
@@ -211,7 +213,7 @@ pub struct Primitive {
 #[serde(default)]
 pub struct PrimitiveExtensions {
     #[serde(rename = "KHR_draco_mesh_compression")]
-    pub draco: Option<IgnoredAny>,
+    pub draco: Option<Draco>,
 }
 
 #[derive(Debug, Default, Clone, Deserialize)]
@@ -263,6 +265,7 @@ pub struct BufferView {
     pub byte_length: usize,
     #[serde(deserialize_with = "optional")]
     pub byte_stride: Option<usize>,
+    pub extensions: Meshopt<CompressedView>,
 }
 
 #[derive(Debug, Default, Clone, Deserialize)]
@@ -271,16 +274,7 @@ pub struct Buffer {
     pub uri: Option<String>,
     #[serde(deserialize_with = "required")]
     pub byte_length: usize,
-    pub extensions: BufferExtensions,
-}
-
-#[derive(Debug, Default, Clone, Deserialize)]
-#[serde(default)]
-pub struct BufferExtensions {
-    #[serde(rename = "EXT_meshopt_compression")]
-    pub ext_meshopt: Option<IgnoredAny>,
-    #[serde(rename = "KHR_meshopt_compression")]
-    pub khr_meshopt: Option<IgnoredAny>,
+    pub extensions: Meshopt<Fallback>,
 }
 
 #[derive(Debug, Clone, Deserialize)]
@@ -554,11 +548,11 @@ impl<'de> Deserialize<'de> for Integer {
     }
 }
 
-fn required<'de, D: Deserializer<'de>>(d: D) -> Result<usize, D::Error> {
+pub(super) fn required<'de, D: Deserializer<'de>>(d: D) -> Result<usize, D::Error> {
     Integer::deserialize(d).map(|i| i.0)
 }
 
-fn optional<'de, D: Deserializer<'de>>(d: D) -> Result<Option<usize>, D::Error> {
+pub(super) fn optional<'de, D: Deserializer<'de>>(d: D) -> Result<Option<usize>, D::Error> {
     Option::<Integer>::deserialize(d).map(|o| o.map(|i| i.0))
 }
 
@@ -570,7 +564,7 @@ fn plain(map: BTreeMap<String, Integer>) -> Attributes {
     map.into_iter().map(|(k, i)| (k, i.0)).collect()
 }
 
-fn map<'de, D: Deserializer<'de>>(d: D) -> Result<Attributes, D::Error> {
+pub(super) fn map<'de, D: Deserializer<'de>>(d: D) -> Result<Attributes, D::Error> {
     BTreeMap::deserialize(d).map(plain)
 }
 

@@ -126,22 +126,16 @@ fn versions_and_extensions() -> Vec<Case> {
             b.json["asset"] = json!({"version": "2.9", "minVersion": "2.7"});
         }),
         triangle("unknown required extension", Unsupported, &["ACME_quantum_mesh"], require("ACME_quantum_mesh")),
-        triangle(
-            "required Draco",
-            Unsupported,
-            &["KHR_draco", "gltf-transform"],
-            require("KHR_draco_mesh_compression"),
-        ),
-        triangle("required meshopt", Unsupported, &["EXT_meshopt", "decompress"], require("EXT_meshopt_compression")),
         triangle("required Basis", Unsupported, &["KHR_texture_basisu", "PNG"], require("KHR_texture_basisu")),
         triangle("required instancing", Unsupported, &["EXT_mesh_gpu_instancing"], require("EXT_mesh_gpu_instancing")),
-        triangle("Draco without a fallback", Unsupported, &["mesh 0, primitive 0", "draco"], |b| {
+        triangle("Draco without bytes", Invalid, &["mesh 0, primitive 0", "no buffer view"], |b| {
             b.json["extensionsUsed"] = json!(["KHR_draco_mesh_compression"]);
             b.json["accessors"][0].as_object_mut().unwrap().remove("bufferView");
-            b.set("/meshes/0/primitives/0/extensions", json!({"KHR_draco_mesh_compression": {"bufferView": 0}}));
+            b.set("/meshes/0/primitives/0/extensions", json!({"KHR_draco_mesh_compression": {}}));
         }),
-        triangle("meshopt fallback buffer without data", Unsupported, &["buffer 1", "meshopt"], |b| {
+        triangle("a plain view of a meshopt fallback", Invalid, &["buffer view 0", "beyond buffer 1"], |b| {
             b.push("buffers", json!({"byteLength": 36, "extensions": {"EXT_meshopt_compression": {"fallback": true}}}));
+            b.set("/bufferViews/0/buffer", json!(1));
         }),
     ]
 }

@@ -52,6 +52,9 @@ impl<'a> Container<'a> {
     /// The document's buffer 0 has bytes that a BIN chunk can hold.
     fn first_buffer(&self) -> Option<&'a [u8]> {
         let first = self.buffers.first()?;
+        if self.document.root.buffers.first()?.extensions.is_fallback() {
+            return None; // Its bytes, if there are any, were not read.
+        }
         let stored = first.get("uri").is_some() || self.document.bin.is_some();
         let bytes = self.document.buffers.first().map(Vec::as_slice);
         let bytes = if first.get("uri").is_none() { self.document.bin.as_deref().or(bytes) } else { bytes };

@@ -2,7 +2,7 @@
 //!
 //! A primitive whose vertices stay as they are keeps its accessors and indices and gains `TEXCOORD_n`. One whose
 //! vertices were split gets all attributes and morph targets again, element by element, byte for byte in their
-//! component type, and its triangles as a list. One that lies on several pages becomes one primitive per page, with
+//! component type, and its triangles as a list; one that was compressed by Draco, too. One that lies on several pages becomes one primitive per page, with
 //! common attributes. Everything else of it (extras, extensions, material variants) is carried over.
 //!
 //! Triangles without a chart (no area) stay, on the first page. Two instances that split a primitive alike share what
@@ -12,6 +12,7 @@ use super::append::Append;
 use super::append::component_size;
 use super::material::Assigned;
 use super::material::Use;
+use super::plan;
 use super::plan::Baked;
 use super::plan::Elements;
 use super::plan::Instance;
@@ -84,7 +85,7 @@ impl<'a> Meshes<'a> {
 
     fn warn_of_extensions(&self, primitive: &Element<'_>, baked: &Baked, warnings: &mut Vec<Warning>) {
         for (name, _) in primitive.get("extensions").map(|e| e.members()).unwrap_or_default() {
-            if !RENUMBERING_IS_FINE.contains(&name.as_str()) {
+            if !RENUMBERING_IS_FINE.contains(&name.as_str()) && name != plan::DRACO {
                 let part = &self.scene.parts[baked.part];
                 let message = format!(
                     "extension {name} of primitive {} was copied, but vertices had to be renumbered for the lightmap; \
@@ -98,6 +99,7 @@ impl<'a> Meshes<'a> {
 
     /// One primitive per page.
     fn primitives(&mut self, text: &str, baked: &Baked) -> Result<Vec<String>, Error> {
+        let text = &plan::uncompressed(text).map_err(|e| self.fault(&e))?;
         let root = Element::root(text).map_err(|e| self.fault(&e))?;
         let split = self.split_of(baked);
         let edits = self.vertex_edits(&root, baked, split)?;

@@ -16,6 +16,9 @@ use crate::atlas::NO_CHART;
 use crate::base::Warning;
 use crate::output::Error;
 use crate::output::splice::Element;
+use crate::output::splice::Fault;
+use crate::output::splice::Splice;
+use crate::output::splice::quoted;
 use crate::scene::Scene;
 use glam::Vec2;
 use std::collections::BTreeMap;
@@ -24,6 +27,8 @@ use std::collections::BTreeSet;
 /// How far [texels] an existing `TEXCOORD_1` may be from the wanted place to be used as it is: well below what a
 /// bilinear look-up shows at half precision.
 const SAME_PLACE: f32 = 1.0 / 256.0;
+
+pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
 
 /// A node with light on it; `B` says what a primitive carries.
 pub(super) struct Instance<B> {
@@ -45,7 +50,7 @@ pub(super) struct Baked {
     pub(super) set: usize,
     /// The `TEXCOORD_n` that is there already is right.
     pub(super) keep_uv: bool,
-    /// Output vertices equal source vertices.
+    /// Output vertices equal source vertices, and accessors hold them.
     pub(super) unsplit: bool,
 }
 
@@ -186,7 +191,7 @@ fn baked(
     let accessor = |name: &str| attributes.and_then(|a| a.index_at(name));
     let count = accessor("POSITION").and_then(|a| elements.accessors.get(a)).and_then(|a| a.index_at("count"));
     let identity = charted.source_vertex.iter().enumerate().all(|(i, &v)| i == v as usize);
-    let unsplit = identity && count == Some(charted.source_vertex.len());
+    let unsplit = identity && count == Some(charted.source_vertex.len()) && !is_compressed(primitive);
     let keep_uv = unsplit && charted.kept && accessor("TEXCOORD_1").is_some() && in_place(scene, atlas, part);
     let read_by_textures = || {
         let materials =
@@ -200,6 +205,33 @@ fn baked(
         }
     }
     Baked { part, pages, set, keep_uv, unsplit }
+}
+
+/// The values of a primitive are in the bytes of Draco.
+pub(super) fn is_compressed(primitive: &Element<'_>) -> bool {
+    primitive.find(&["extensions", DRACO]).is_some()
+}
+
+/// A primitive without its compressed bytes: the vertices that are written for it are not theirs.
+pub(super) fn uncompressed(primitive: &str) -> Result<String, Fault> {
+    let root = Element::root(primitive)?;
+    if !is_compressed(&root) {
+        return Ok(primitive.to_owned());
+    }
+    let text = |members: &[(String, Element<'_>)]| {
+        let member = |(name, value): &(String, Element<'_>)| format!("{}: {}", quoted(name), value.text());
+        format!("{{{}}}", members.iter().map(member).collect::<Vec<_>>().join(", "))
+    };
+    let mut others = root.get("extensions").map(|e| e.members()).unwrap_or_default();
+    others.retain(|(name, _)| name != DRACO);
+    let mut members = root.members();
+    if others.is_empty() {
+        members.retain(|(name, _)| name != "extensions");
+        return Ok(text(&members));
+    }
+    let mut splice = Splice::new(primitive);
+    splice.set(&root, "extensions", text(&others))?;
+    splice.apply()
 }
 
 /// The part's own `TEXCOORD_1` is where the atlas wants it.

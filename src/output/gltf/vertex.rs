@@ -204,10 +204,11 @@ impl Writer<'_> {
     fn primitive(&mut self, text: &str, p: usize) -> Result<String, Error> {
         let path = &self.scene.document.path;
         let fault = |e: Fault| Error::invalid(path, e.to_string());
-        let root = Element::root(text).map_err(fault)?;
-        let mut splice = Splice::new(text);
+        let plain = plan::uncompressed(text).map_err(fault)?;
+        let root = Element::root(&plain).map_err(fault)?;
+        let mut splice = Splice::new(&plain);
         let part = &self.light.parts[p];
-        if part.refined {
+        if part.refined || plain != text {
             for (name, element) in root.get("attributes").map(|a| a.members()).unwrap_or_default() {
                 if !self.writes(&name) {
                     let accessor = self.interpolated(&name, &element, p)?;

@@ -1,0 +1,93 @@
+// Compresses a glTF as pipelines do, and compares what two files hold, decoded by the formats' reference decoders.
+//
+//   node compress.mjs make INPUT OUTPUT HOW     HOW: one of STEPS
+//   node compress.mjs same INPUT BAKED          every corner of every triangle of INPUT is in BAKED, bit for bit
+//
+// In: files that glTF-Transform reads with the decoders of meshoptimizer and Google's Draco. Out: exit code 0; 1 and a
+// sentence on stderr if something differs. Texture coordinates that only BAKED has, and its order of triangles, are free.
+// Packages are found beside the working directory, the one of environment.py.
+import { createRequire } from 'node:module';
+import path from 'node:path';
+import { pathToFileURL } from 'node:url';
+
+const require = createRequire(path.join(process.cwd(), 'package.json'));
+const load = async (name) => import(pathToFileURL(require.resolve(name)));
+const { NodeIO } = await load('@gltf-transform/core');
+const { ALL_EXTENSIONS } = await load('@gltf-transform/extensions');
+const functions = await load('@gltf-transform/functions');
+const { MeshoptDecoder, MeshoptEncoder } = await load('meshoptimizer');
+const draco3d = require('draco3dgltf');
+
+const STEPS = {
+  draco: [functions.draco()],
+  'draco-sequential': [functions.draco({ method: 'sequential' })],
+  meshopt: [functions.meshopt({ encoder: MeshoptEncoder, level: 'high' })],
+  quantize: [functions.quantize()],
+  weld: [functions.weld()],
+  join: [functions.flatten(), functions.join()],
+};
+
+async function io() {
+  await MeshoptDecoder.ready;
+  await MeshoptEncoder.ready;
+  return new NodeIO().registerExtensions(ALL_EXTENSIONS).registerDependencies({
+    'draco3d.decoder': await draco3d.createDecoderModule(),
+    'draco3d.encoder': await draco3d.createEncoderModule(),
+    'meshopt.decoder': MeshoptDecoder,
+    'meshopt.encoder': MeshoptEncoder,
+  });
+}
+
+async function make(input, output, how) {
+  const reader = await io();
+  const document = await reader.read(input);
+  document.setLogger({ debug() {}, info() {}, warn() {}, error: console.error });
+  await document.transform(...STEPS[how]);
+  await reader.write(output, document);
+}
+
+// Every corner of a node's triangles as text, three to a line, in a stable order.
+function triangles(node, wanted) {
+  const lines = [];
+  for (const primitive of node.getMesh().listPrimitives()) {
+    if (primitive.getMode() !== 4) continue;
+    const indices = primitive.getIndices();
+    const attributes = wanted(primitive).map((name) => [name, primitive.getAttribute(name)]);
+    const count = indices ? indices.getCount() : primitive.getAttribute('POSITION').getCount();
+    const corner = (k) => {
+      const vertex = indices ? indices.getScalar(k) : k;
+      // What lacks texture coordinates gets zeros, since numbers of sets must not leave gaps.
+      const missing = (name) => (name === 'TEXCOORD_0' ? '0 0' : `no ${name}`);
+      return attributes.map(([name, a]) => (a ? a.getElement(vertex, []).join(' ') : missing(name))).join(' / ');
+    };
+    for (let k = 0; k + 2 < count; k += 3) lines.push([corner(k), corner(k + 1), corner(k + 2)].join(' | '));
+  }
+  return lines.sort();
+}
+
+async function same(input, baked) {
+  const [a, b] = [await (await io()).read(input), await (await io()).read(baked)];
+  const nodes = (document) => document.getRoot().listNodes().filter((n) => n.getMesh());
+  const [old, fresh] = [nodes(a), nodes(b)];
+  if (old.length !== fresh.length) return `${old.length} nodes with meshes became ${fresh.length}`;
+  let corners = 0;
+  for (const [i, node] of old.entries()) {
+    const names = new Set(node.getMesh().listPrimitives().flatMap((p) => p.listSemantics()));
+    const wanted = () => [...names].sort();
+    const [before, after] = [triangles(node, wanted), triangles(fresh[i], wanted)];
+    const at = before.findIndex((line, k) => line !== after[k]);
+    if (at >= 0 || before.length !== after.length) {
+      return `node ${i} (${node.getName()}): ${before.length} and ${after.length} triangles; ${before[at]} became ${after[at]}`;
+    }
+    corners += 3 * before.length;
+  }
+  console.log(`${path.basename(input)}: ${corners} corners are the same`);
+  return corners ? null : 'nothing was compared';
+}
+
+const [, , what, ...rest] = process.argv;
+const fault = what === 'make' ? await make(...rest) : await same(...rest);
+if (what !== 'make' && fault) {
+  console.error(`error: ${fault}`);
+  process.exit(1);
+}

@@ -1,0 +1,207 @@
+//! Meshopt and Draco: what they hold is what is baked, damage is refused, and what is written needs no decoder.
+//!
+//! The streams are written here by hand, in the simplest form that the formats allow. `pipelines/checks/compressed.py` has
+//! those of real encoders, and compares with the reference decoders.
+
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+#[path = "support/compressed.rs"]
+mod compressed;
+#[path = "support/crosscheck_env.rs"]
+mod crosscheck_env;
+#[path = "support/gltf_builder.rs"]
+mod gltf_builder;
+
+use compressed::{draco_mesh, draco_square, index_sequence, meshopt_square, vertex_stream};
+use glam::Vec3;
+use gltf_builder::Builder;
+use serde_json::{Value, json};
+use std::path::Path;
+use std::process::Command;
+use texelwalk::scene::{Scene, Settings, load, load_bytes};
+
+fn scene(builder: &Builder) -> Scene {
+    load_bytes(builder.gltf(), Path::new("a.gltf"), &Settings::default()).unwrap().output
+}
+
+fn refusal(builder: &Builder) -> String {
+    load_bytes(builder.gltf(), Path::new("a.gltf"), &Settings::default()).unwrap_err().to_string()
+}
+
+fn assert_same_square(scene: &Scene) {
+    let plain = scene_of_plain_square();
+    assert_eq!(scene.vertices.position, plain.vertices.position);
+    assert_eq!(scene.vertices.uv, plain.vertices.uv);
+    assert_eq!(scene.triangles, plain.triangles);
+}
+
+fn scene_of_plain_square() -> Scene {
+    let mut plain = Builder::square(json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}));
+    plain.texture(1, &[[255; 4]]);
+    scene(&plain)
+}
+
+#[test]
+fn meshopt_views_and_draco_primitives_are_read() {
+    for name in ["EXT_meshopt_compression", "KHR_meshopt_compression"] {
+        assert_same_square(&scene(&meshopt_square(name)));
+    }
+    let draco = scene(&draco_square());
+    assert_same_square(&draco);
+    assert_eq!(draco.vertices.normal[0], Vec3::Z);
+}
+
+#[test]
+fn long_streams_cross_blocks() {
+    let values: Vec<[u8; 12]> =
+        (0..1000u32).map(|i| bytemuck::cast([i.wrapping_mul(0x9e37_79b9), i, !i.wrapping_mul(77)])).collect();
+    let mut b = Builder::triangle();
+    let bytes = vertex_stream(values.as_flattened(), 12);
+    let view = compressed::view(&mut b, "EXT_meshopt_compression", &bytes, 1000, 12, "ATTRIBUTES");
+    let accessor =
+        b.push("accessors", json!({"bufferView": view, "componentType": 5125, "count": 1000, "type": "VEC3"}));
+    let read = scene(&b).document.accessor(accessor).unwrap();
+    assert_eq!(read.bytes, values.as_flattened());
+}
+
+#[test]
+fn damage_is_refused_with_its_place() {
+    let case = |change: &dyn Fn(&mut Value)| {
+        let mut b = meshopt_square("EXT_meshopt_compression");
+        change(&mut b.json["bufferViews"][0]["extensions"]["EXT_meshopt_compression"]);
+        let message = refusal(&b);
+        assert!(message.contains("buffer view 0"), "{message}");
+        message
+    };
+    assert!(case(&|e| e["count"] = json!(5)).contains("do not make its 48 bytes"));
+    assert!(case(&|e| e["byteLength"] = json!(7)).contains("truncated"));
+    assert!(case(&|e| e["byteLength"] = json!(1_000_000)).contains("beyond"));
+    assert!(case(&|e| e["buffer"] = json!(9)).contains("does not exist"));
+    assert!(case(&|e| e["mode"] = json!("ZIP")).contains("ZIP"));
+    assert!(case(&|e| e["filter"] = json!("BLUR")).contains("BLUR"));
+    assert!(case(&|e| e["byteOffset"] = json!(1)).contains("header"));
+    let mut huge = meshopt_square("EXT_meshopt_compression");
+    huge.json["bufferViews"][0]["byteLength"] = json!(48_000_000_000u64);
+    huge.json["bufferViews"][0]["extensions"]["EXT_meshopt_compression"]["count"] = json!(4_000_000_000u64);
+    assert!(refusal(&huge).contains("cannot hold 48000000000 bytes"), "{}", refusal(&huge));
+}
+
+#[test]
+fn damaged_draco_is_refused_with_its_place() {
+    let case = |change: &dyn Fn(&mut Builder)| {
+        let mut b = draco_square();
+        change(&mut b);
+        let message = refusal(&b);
+        assert!(message.contains("mesh 0, primitive 0"), "{message}");
+        message
+    };
+    assert!(case(&|b| b.json["accessors"][0]["count"] = json!(5)).contains("5 vertices are claimed"));
+    assert!(case(&|b| b.json["accessors"][2]["count"] = json!(9)).contains("2 triangles were decoded"));
+    let extension = "/meshes/0/primitives/0/extensions/KHR_draco_mesh_compression";
+    let attribute = format!("{extension}/attributes/POSITION");
+    assert!(
+        case(&|b| {
+            b.set(&attribute, json!(9));
+        })
+        .contains("no attribute 9")
+    );
+    assert!(
+        case(&|b| {
+            b.set(&format!("{extension}/bufferView"), json!(9));
+        })
+        .contains("buffer view 9")
+    );
+    assert!(
+        case(&|b| {
+            b.set("/meshes/0/primitives/0/mode", json!(5));
+        })
+        .contains("triangle lists")
+    );
+    assert!(case(&|b| b.bin[0] = b'X').contains("Invalid magic"));
+}
+
+/// Every byte changed in turn, and every length: refused or read, never a panic or a hang.
+#[test]
+fn no_damaged_stream_is_trusted() {
+    let streams = [meshopt_square("EXT_meshopt_compression"), draco_square()];
+    for builder in streams {
+        for at in 0..builder.bin.len() {
+            for flip in [0xff, 0x01, 0x80, 0x10] {
+                let mut changed = Builder { json: builder.json.clone(), bin: builder.bin.clone() };
+                changed.bin[at] ^= flip;
+                let _ = load_bytes(changed.gltf(), Path::new("a.gltf"), &Settings::default());
+            }
+        }
+    }
+    let whole = draco_mesh();
+    for length in 0..whole.len() {
+        let mut b = draco_square();
+        b.json["bufferViews"][0]["byteLength"] = json!(length);
+        assert!(refusal(&b).contains("mesh 0, primitive 0"), "{length} of {}", whole.len());
+    }
+}
+
+#[test]
+fn what_is_baked_is_written_uncompressed_and_the_rest_stays() {
+    let home = tempfile::tempdir().unwrap();
+    for (name, builder) in [("meshopt", meshopt_square("EXT_meshopt_compression")), ("draco", draco_square())] {
+        for target in ["lightmap", "vertex"] {
+            let input = home.path().join(format!("{name}.glb"));
+            std::fs::write(&input, builder.glb(&[])).unwrap();
+            let output = home.path().join(format!("{target}/{name}.glb"));
+            std::fs::create_dir_all(output.parent().unwrap()).unwrap();
+            let mut bake = Command::new(env!("CARGO_BIN_EXE_texelwalk"));
+            bake.arg("bake").arg(&input).arg("-o").arg(&output).args(["--preset", "preview", "--sky", "1,1,1", "-q"]);
+            let done = bake.args(["--target", target]).output().unwrap();
+            assert!(done.status.success(), "{name}: {}", String::from_utf8_lossy(&done.stderr));
+            let baked = load(&output, &Settings::default()).unwrap().output;
+            let corner = |s: &Scene, k: usize| s.corners(k as u32 / 3)[k % 3];
+            let plain = scene_of_plain_square();
+            assert_eq!(baked.triangles.len(), 2);
+            assert!((0..6).all(|k| corner(&baked, k) == corner(&plain, k)), "{name} {target}");
+            let json: Value = serde_json::from_str(&baked.document.json).unwrap();
+            let primitive = &json["meshes"][0]["primitives"][0];
+            assert!(primitive["extensions"].get("KHR_draco_mesh_compression").is_none(), "{name} {target}");
+            let light = if target == "vertex" { "_LIGHTMAP" } else { "TEXCOORD_1" };
+            let accessor = primitive["attributes"][light].as_u64().unwrap() as usize;
+            assert_eq!(baked.document.accessor(accessor).unwrap().count as u64, {
+                let position = primitive["attributes"]["POSITION"].as_u64().unwrap() as usize;
+                json["accessors"][position]["count"].as_u64().unwrap()
+            });
+        }
+    }
+}
+
+#[test]
+fn an_index_sequence_may_go_up_and_down() {
+    let indices = [0, 3, 1, 1, 2, 0, 3, 3, 2, 65535, 0, 7];
+    let mut b = Builder::triangle();
+    let bytes = index_sequence(&indices);
+    let view = compressed::view(&mut b, "EXT_meshopt_compression", &bytes, indices.len(), 4, "INDICES");
+    let accessor = json!({"bufferView": view, "componentType": 5125, "count": indices.len(), "type": "SCALAR"});
+    let accessor = b.push("accessors", accessor);
+    assert_eq!(scene(&b).document.accessor(accessor).unwrap().to_u32().unwrap(), indices);
+}
+
+/// `how` empty: every way that the check knows.
+fn optimised(fixture: &crosscheck_env::Fixture, how: &[&str]) {
+    let out = crosscheck_env::folder(&format!("compressed-{}-{}", fixture.name, how.len()));
+    let options = format!("--options={}", fixture.options.join(" "));
+    let program = env!("CARGO_BIN_EXE_texelwalk");
+    let text = crosscheck_env::text;
+    let mut arguments = vec![program, text(&out), text(&fixture.file), &options];
+    if !how.is_empty() {
+        arguments.push("--how");
+        arguments.extend(how);
+    }
+    crosscheck_env::accepts("checks/compressed.py", &arguments);
+}
+
+#[test]
+#[ignore = "slow: makes a Python environment, minutes"]
+fn what_optimisers_leave_is_read_as_reference_decoders_read_it() {
+    optimised(&crosscheck_env::fixture("office"), &[]);
+    for fixture in crosscheck_env::fixtures().iter().filter(|f| !["office", "freedoom"].contains(&f.name.as_str())) {
+        optimised(fixture, &["gltfpack -cc", "draco"]);
+    }
+}
