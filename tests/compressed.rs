@@ -99,24 +99,14 @@ fn damaged_draco_is_refused_with_its_place() {
     assert!(case(&|b| b.json["accessors"][2]["count"] = json!(9)).contains("2 triangles were decoded"));
     let extension = "/meshes/0/primitives/0/extensions/KHR_draco_mesh_compression";
     let attribute = format!("{extension}/attributes/POSITION");
-    assert!(
+    let with = |pointer: &str, value: Value| {
         case(&|b| {
-            b.set(&attribute, json!(9));
+            b.set(pointer, value.clone());
         })
-        .contains("no attribute 9")
-    );
-    assert!(
-        case(&|b| {
-            b.set(&format!("{extension}/bufferView"), json!(9));
-        })
-        .contains("buffer view 9")
-    );
-    assert!(
-        case(&|b| {
-            b.set("/meshes/0/primitives/0/mode", json!(5));
-        })
-        .contains("triangle lists")
-    );
+    };
+    assert!(with(&attribute, json!(9)).contains("no attribute 9"));
+    assert!(with(&format!("{extension}/bufferView"), json!(9)).contains("buffer view 9"));
+    assert!(with("/meshes/0/primitives/0/mode", json!(5)).contains("triangle lists"));
     assert!(case(&|b| b.bin[0] = b'X').contains("Invalid magic"));
 }
 
