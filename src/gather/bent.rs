@@ -5,15 +5,15 @@
 //! A ray with radiance L is worth `π L r(ω)` with r = c(ω)/μ (see `base::light_vector`), which grows without limit toward
 //! the horizon: noise. But the mean of r is known, n/2. So what the rays' own mean of r is off by is taken off again, with
 //! the light that the other half found, for the halves share no random number (a control variate; even light has no
-//! noise at all):
+//! noise at all, and grazing rays, of which one would outweigh all others, can be trusted less):
 //!
 //! `b = π/N (Σ L r − L̄ Σ (r − n/2))`, mean of the halves
 //!
 //! Symbols: N rays of a half, L̄ mean radiance of the other half, n shading normal, ω direction, μ = ω·n.
 
-use crate::base::light_vector::response;
+use crate::base::light_vector::{response, trusted};
 use crate::base::{LightVector, Rgb};
-use core::f32::consts::PI;
+use core::f32::consts::{FRAC_1_PI, PI};
 use glam::Vec3;
 
 /// Sums over rays.
@@ -28,7 +28,8 @@ pub(super) struct Bent {
 impl Bent {
     /// A ray of a half read `light`.
     pub(super) fn add(&mut self, half: usize, normal: Vec3, direction: Vec3, light: Rgb) {
-        let response = response(normal, direction);
+        let density = normal.dot(direction) * FRAC_1_PI;
+        let response = response(normal, direction) * trusted(density);
         self.light += LightVector::outer(light, response);
         self.even[half] += response - normal * 0.5;
     }

@@ -10,6 +10,7 @@ use super::piece::{Piece, Sampled};
 use super::punctual;
 use super::site::Site;
 use super::tree::Cut;
+use crate::base::light_vector::trusted;
 use crate::base::{LightVector, Rgb};
 use crate::patches::{PatchSurface, Patches, Spot, SurfacePoint};
 use crate::scene::{Light, Scene};
@@ -170,6 +171,7 @@ impl<'a> Look<'a> {
             return Lit::default();
         }
         let light = radiance * (cosine / density);
-        self.lit(place, direction, light, light * Infinity::gathered(place.normal, direction, density, rays))
+        let lit = self.lit(place, direction, light, light * Infinity::gathered(place.normal, direction, density, rays));
+        Lit { vector: lit.vector * trusted(density), ..lit }
     }
 }
