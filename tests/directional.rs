@@ -1,7 +1,7 @@
 //! Light by normal (`--directional`) against bakes of the same surfaces with other normals, and openness (`--aov
 //! ao,bent`) against closed forms.
 
-#![allow(clippy::unwrap_used, reason = "tests")]
+#![allow(clippy::unwrap_used, clippy::print_stderr, reason = "tests")]
 
 #[path = "support/quads.rs"]
 mod quads;
@@ -13,10 +13,14 @@ use std::f32::consts::FRAC_PI_2;
 
 const UP: Vec3 = Vec3::Y;
 
+fn sin_cos(angle: f32) -> [f32; 2] {
+    libm::sincosf(angle).into()
+}
+
 /// A direction at this angle to +y [degrees].
 fn tilted(tilt: f32, around: f32) -> Vec3 {
-    let (tilt, around) = (tilt.to_radians(), around.to_radians());
-    Vec3::new(tilt.sin() * around.cos(), tilt.cos(), tilt.sin() * around.sin())
+    let ([sin, cos], [z, x]) = (sin_cos(tilt.to_radians()), sin_cos(around.to_radians()));
+    Vec3::new(sin * x, cos, sin * z)
 }
 
 /// A black floor of 2 × 2 m with this normal, and a black board that stands on it.
@@ -30,28 +34,41 @@ fn lamp(kind: &str, intensity: f32) -> serde_json::Value {
     json!({"type": kind, "intensity": intensity, "color": [1.0, 0.7, 0.4]})
 }
 
-/// Named scenes by the floor's normal, and options.
-fn scenes() -> Vec<(&'static str, Box<dyn Fn(Vec3) -> Scene>, Vec<&'static str>)> {
+/// A scene by the floor's normal.
+struct Case {
+    name: &'static str,
+    scene: Box<dyn Fn(Vec3) -> Scene>,
+    options: Vec<&'static str>,
+    /// Largest mean difference over mean light.
+    most: f32,
+}
+
+fn cases() -> Vec<Case> {
     let scene = |normal| Scene { quads: floor_and_board(normal), lights: vec![] };
     let sun = move |normal| scene(normal).with(lamp("directional", 3.0), Vec3::ZERO, tilted(35.0, 70.0));
     let point = move |normal| scene(normal).with(lamp("point", 2.0), Vec3::new(0.3, 1.3, -0.2), UP);
-    let area = move |normal| {
+    let lit_by = move |normal, quad| {
         let mut scene = scene(normal);
-        scene.quads.push(Quad::new([1.6, 0.0, -0.8], [0.0, 0.0, 1.6], [0.0, 1.6, 0.0], glowing([5.0, 4.0, 2.0])));
-        scene.quads.push(Quad::new([-1.0, 2.0, 0.0], [0.7, 0.0, 0.0], [0.0, 0.0, 0.7], glowing([2.0, 4.0, 6.0])));
+        scene.quads.push(quad);
         scene
     };
+    let panel = Quad::new([0.4, 1.5, -0.8], [1.2, 0.4, 0.0], [0.0, 0.0, 1.6], glowing([5.0, 4.0, 2.0]));
+    let wall = Quad::new([1.6, 0.0, -0.8], [0.0, 0.0, 1.6], [0.0, 1.6, 0.0], glowing([5.0, 4.0, 2.0]));
     let room = move |normal| {
         let mut scene = Scene { quads: Quad::room([-2.0, 0.0, -2.0], [4.0, 2.5, 4.0], grey(0.6)), lights: vec![] };
         scene.quads.splice(0..1, floor_and_board(normal));
         scene.with(lamp("point", 8.0), Vec3::new(-1.1, 1.8, 0.4), UP)
     };
+    let case = |name, scene, options: &[&'static str], most| Case { name, scene, options: options.to_vec(), most };
+    let sky = ["--sky", "0.4,0.6,1.2", "--sky-horizon", "1.5,1.0,0.5"];
     vec![
-        ("sun", Box::new(sun), vec![]),
-        ("point light", Box::new(point), vec![]),
-        ("surfaces", Box::new(area), vec!["--direct-samples", "64"]),
-        ("sky", Box::new(scene), vec!["--sky", "0.4,0.6,1.2", "--sky-horizon", "1.5,1.0,0.5"]),
-        ("room", Box::new(room), vec!["--gather", "512", "--lines-per-texel", "128"]),
+        case("sun", Box::new(sun), &[], 0.002),
+        case("point light", Box::new(point), &[], 0.002),
+        case("panel", Box::new(move |n| lit_by(n, panel.clone())), &["--direct-samples", "64"], 0.05),
+        case("sky", Box::new(scene), &sky, 0.05),
+        case("room", Box::new(room), &["--gather", "512", "--lines-per-texel", "128"], 0.05),
+        // Light from the horizon up is not linear in the normal.
+        case("glowing wall", Box::new(move |n| lit_by(n, wall.clone())), &["--direct-samples", "64"], 0.28),
     ]
 }
 
@@ -81,8 +98,7 @@ fn evaluated(baked: &Baked, normal: impl Fn(usize) -> Vec3) -> Vec<Vec3> {
 fn error(found: &[Vec3], truth: &[[f32; 4]], texels: &[usize]) -> (f32, f32) {
     let n = texels.len() as f32;
     let mean = texels.iter().map(|&i| light(truth[i]).element_sum()).fold(0.0, |a, b| a + b) / n;
-    let mut off: Vec<f32> =
-        texels.iter().map(|&i| (found[i] - light(truth[i])).abs().element_sum() / mean).collect();
+    let mut off: Vec<f32> = texels.iter().map(|&i| (found[i] - light(truth[i])).abs().element_sum() / mean).collect();
     off.sort_by(f32::total_cmp);
     (off.iter().fold(0.0, |a, b| a + b) / n, off[texels.len() * 99 / 100])
 }
@@ -90,7 +106,7 @@ fn error(found: &[Vec3], truth: &[[f32; 4]], texels: &[usize]) -> (f32, f32) {
 #[test]
 fn light_by_normal_is_what_a_bake_with_that_normal_has() {
     let common = ["--texels-per-meter", "8", "--aov", "position"];
-    for (name, scene, options) in scenes() {
+    for Case { name, scene, options, most } in cases() {
         let options: Vec<&str> = common.iter().chain(&options).copied().collect();
         let flat = scene(UP).bake(&[options.as_slice(), &["--directional", "sh"]].concat());
         let texels = on_floor(&flat);
@@ -100,11 +116,11 @@ fn light_by_normal_is_what_a_bake_with_that_normal_has() {
             let again = scene(normal).bake(&options);
             let truth = again.page("lightmap0.exr");
             let (mean, high) = error(&evaluated(&flat, |_| normal), &truth, &texels);
-            println!("{name}, {tilt}° toward {around}°: mean {mean:.4}, 99th percentile of texels {high:.4}");
-            assert!(mean < 0.05 && high < 0.25, "{name}, {tilt}° toward {around}°: {mean}, {high}");
+            eprintln!("{name}, {tilt}° toward {around}°: mean {mean:.4}, 99th percentile of texels {high:.4}");
+            assert!(mean < most && high < 0.03 + 4.0 * most, "{name}, {tilt}° toward {around}°: {mean}, {high}");
             // What does not know the normal is farther off.
             let (plain, _) = error(&evaluated(&flat, |_| UP), &truth, &texels);
-            assert!(plain > 2.0 * mean, "{name}, {tilt}° toward {around}°: {plain} without tilting");
+            assert!(plain > 1.8 * mean, "{name}, {tilt}° toward {around}°: {plain} without tilting");
         }
     }
 }
@@ -121,7 +137,10 @@ fn at_its_own_normal_a_texel_is_that_of_the_lightmap() {
         let mut seen = 0;
         for i in (0..lightmap.len()).filter(|&i| lightmap[i][3] > 0.0 && normal(i) != Vec3::ZERO) {
             let (light, found) = (light(lightmap[i]), found[i]);
-            assert!((found - light).abs().max_element() <= 5e-3 * light.max_element() + 1e-6, "{mode}: {light} {found}");
+            assert!(
+                (found - light).abs().max_element() <= 5e-3 * light.max_element() + 1e-6,
+                "{mode}: {light} {found}"
+            );
             seen += 1;
         }
         assert!(seen > 5000, "{seen}");
@@ -143,14 +162,14 @@ fn the_dominant_direction_is_where_light_comes_from() {
     let toward = tilted(40.0, 200.0);
     let sunny = Scene { quads: scene.quads.clone(), lights: vec![] }.with(lamp("directional", 2.0), Vec3::ZERO, toward);
     let options = ["--directional", "dominant", "--texels-per-meter", "4"];
-    for (scene, options, expected) in
-        [(sunny, options.to_vec(), toward), (scene, [&options[..], &["--sky", "1"]].concat(), UP)]
+    for (scene, options, expected, most) in
+        [(sunny, options.to_vec(), toward, 0.01), (scene, [&options[..], &["--sky", "1"]].concat(), UP, 0.06)]
     {
         let baked = scene.bake(&options);
         let (page, lightmap) = (baked.page("lightmap0.direction.exr"), baked.page("lightmap0.exr"));
         for i in (0..page.len()).filter(|&i| lightmap[i][3] > 0.0) {
             let d = (light(page[i]) - 0.5) * 2.0;
-            assert!((d - expected).length() < 0.01, "{d} instead of {expected}");
+            assert!((d - expected).length() < most, "{d} instead of {expected}");
             assert!((page[i][3] - 0.5 * (1.0 + d.y)).abs() < 1e-3);
         }
     }
@@ -170,9 +189,10 @@ fn nothing_else_changes_and_documents_name_the_textures() {
         let mut more: Vec<String> = baked.names().into_iter().filter(|n| !plain.names().contains(n)).collect();
         more.sort();
         assert_eq!(more, names.iter().map(|n| format!("out.lightmap0.{n}.exr")).collect::<Vec<_>>());
-        for same in ["out.lightmap0.png", "out.bin"] {
-            assert_eq!(plain.bytes(same), baked.bytes(same), "{same}");
-        }
+        // Headers of EXR files have the settings.
+        let other = plain.names().into_iter().filter(|n| !n.ends_with(".exr") && !n.ends_with(".gltf"));
+        let unchanged: Vec<String> = other.inspect(|n| assert!(plain.bytes(n) == baked.bytes(n), "{n}")).collect();
+        assert!(unchanged.contains(&"out.lightmap0.png".to_owned()) && unchanged.len() > 1, "{unchanged:?}");
         let mut document = baked.document();
         let page = &mut document["scenes"][0]["extras"]["lightmap"]["pages"][0];
         assert_eq!(page["directional"]["mode"], mode);
@@ -222,7 +242,7 @@ fn the_open_is_open_and_the_closed_is_closed() {
     let closed = room.bake(&["--aov", "ao", "--ao-distance", "inf", "--texels-per-meter", "4", "--gather", "2"]);
     assert!(closed.layer("ao.Y").iter().all(|v| *v == 0.0));
     let near = room.bake(&["--aov", "ao", "--ao-distance", "0.4", "--texels-per-meter", "4", "--gather", "2"]);
-    assert!(near.layer("ao.Y").iter().any(|v| *v == 1.0), "the middle of a wall is farther from all others");
+    assert!(near.layer("ao.Y").contains(&1.0), "the middle of a wall is farther from all others");
 }
 
 #[test]
@@ -264,8 +284,9 @@ fn open_direction(wall: f32) -> Vec3 {
             let e = std::f32::consts::PI * (j as f32 + 0.5) / n as f32;
             let a = FRAC_PI_2 * (2.0 * (k as f32 + 0.5) / n as f32 - 1.0);
             if e > wall {
-                let direction = Vec3::new(-a.cos() * e.cos(), a.cos() * e.sin(), a.sin());
-                sum += direction * (direction.y * a.cos());
+                let ([along, across], [up, back]) = (sin_cos(a), sin_cos(e));
+                let direction = Vec3::new(-across * back, across * up, along);
+                sum += direction * (direction.y * across);
             }
         }
     }

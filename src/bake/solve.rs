@@ -185,12 +185,8 @@ impl<'a> Solver<'a> {
         if settings.direct == DirectMode::Gather {
             clock.timed("direct", |progress| {
                 let (samples, gather_rays) = (budget.direct_samples, gather_rays(settings));
-                let how = light::Settings {
-                    samples,
-                    gather_rays,
-                    seed: pass_seed,
-                    directional: settings.is_directional(),
-                };
+                let how =
+                    light::Settings { samples, gather_rays, seed: pass_seed, directional: settings.is_directional() };
                 self.add_direct(light::direct(tracer, patches, emitters, &how, progress), budget);
             })?;
         }

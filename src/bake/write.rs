@@ -251,7 +251,11 @@ impl Facts<'_> {
 }
 
 /// The textures of light by normal, page by page.
-fn directional(results: &Results, names: &[names::PageFiles], attributes: &exr::Attributes) -> Result<Vec<File>, Error> {
+fn directional(
+    results: &Results,
+    names: &[names::PageFiles],
+    attributes: &exr::Attributes,
+) -> Result<Vec<File>, Error> {
     let mut files = vec![];
     for (k, page) in names.iter().enumerate() {
         for ((texture, path), (_, map)) in page.directional.iter().zip(&results.directional) {

@@ -123,12 +123,7 @@ pub struct Along<'a> {
 }
 
 /// Shares two halves of irradiance [lx] of the first patches in place; what is in `along` flows the same way.
-pub fn share(
-    patches: &Patches,
-    graph: &PatchGraph,
-    halves: [&mut Vec<Rgb>; 2],
-    along: Along<'_>,
-) -> Errors {
+pub fn share(patches: &Patches, graph: &PatchGraph, halves: [&mut Vec<Rgb>; 2], along: Along<'_>) -> Errors {
     let [a, b] = halves;
     let raw = parallel::map_light(a.len(), |i| Pair(a[i], b[i]));
     let network = Network::new(patches, graph, raw.len());

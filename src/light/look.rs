@@ -38,12 +38,7 @@ pub(super) struct Look<'a> {
 }
 
 impl<'a> Look<'a> {
-    pub(super) fn new(
-        tracer: &'a Tracer<'a>,
-        patches: &'a Patches,
-        emitters: &'a Emitters,
-        directional: bool,
-    ) -> Self {
+    pub(super) fn new(tracer: &'a Tracer<'a>, patches: &'a Patches, emitters: &'a Emitters, directional: bool) -> Self {
         Self { tracer, patches, emitters, directional, rays: 0 }
     }
 
