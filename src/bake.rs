@@ -5,6 +5,7 @@
 //! `solve` is one pass of the solver, `refine` makes as many of them as `plan` says; `write` puts results into files.
 
 mod clock;
+mod directional;
 mod groups;
 mod html;
 mod layers;
@@ -17,6 +18,7 @@ mod write;
 use crate::atlas::{self, Atlas};
 use crate::base::{Progress, Rgb, Warned, Warning, parallel};
 use crate::finish::{self, Errors, Lightmap};
+use crate::gather;
 use crate::output::{self, report};
 use crate::patches::{PatchGraph, Patches};
 use crate::scene::{self, Scene};
@@ -126,7 +128,13 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     let groups = groups::groups(&scene, settings.light_groups);
     let facts = write::Facts { request, tracer: &tracer, scene: &scene, atlas: &atlas, patches: &patches };
     let seams = clock.timed("seams", |progress| Seams::new(&tracer, &atlas, &patches, progress))?;
-    let setup = solve::Setup { settings, tracer: &tracer, patches: &patches, graph: &graph };
+    let openness = if settings.wants_openness() {
+        let distance = settings.ao_distance.unwrap_or(Settings::AO_DISTANCE);
+        clock.timed("openness", |progress| gather::openness(&tracer, &patches, distance, settings.seed, progress))?
+    } else {
+        vec![]
+    };
+    let setup = solve::Setup { settings, tracer: &tracer, patches: &patches, graph: &graph, openness: &openness };
     let finished = |solution: &Solution, progress: &Progress| {
         let mut results = results(&setup, &groups, &atlas, &seams, solution, progress);
         if request.html.is_some() {
@@ -222,7 +230,9 @@ fn results(
     let lightmap = if finished.is_empty() { stitched(unstitched) } else { sum(&finished) };
     // A single group is the whole; it gets its file all the same where groups are asked for.
     let maps = if finished.is_empty() { vec![lightmap.clone(); usize::from(settings.light_groups)] } else { finished };
+    let vectors = solution.halves.light_vectors();
     write::Results {
+        directional: directional::textures(setup, &vectors, &lightmap, factor, stitcher.as_ref(), progress),
         groups: groups.iter().zip(maps).map(|(group, map)| (group.name.clone(), map)).collect(),
         aovs: layers::layers(setup, atlas.pages, solution, factor, &finish),
         steps: [step_before, seams.steps(setup.patches, &lightmap)],

@@ -54,6 +54,8 @@
 //! * *exposed*: the part of a patch that does not lie inside a solid. *link*: two patches between which light may be
 //!   shared. *line*: a ray that carries flux. *splat*: what a line gives to neighbours of the patch it hits.
 //! * *share*: flow of light along links, reversible, so that constant light stays constant.
+//! * *light vector*: how irradiance changes with the normal, as far as a linear function tells; what directional
+//!   lightmaps hold.
 //! * *halves*: two solutions that share no random number; their difference is the error estimate.
 //!
 //! # Absent on purpose

@@ -5,9 +5,10 @@
 //! option names.
 
 mod choices;
+mod directional;
 mod formats;
 
-pub use choices::{Aov, DirectMode, Preset, Quantity, SplatMode, Target, UvMode, VertexAttribute};
+pub use choices::{Aov, DirectMode, Directional, Preset, Quantity, SplatMode, Target, UvMode, VertexAttribute};
 
 use crate::atlas::Uv;
 use crate::base::Rgb;
@@ -71,6 +72,12 @@ pub struct Options {
     /// Further layers for every page, in NAME.aov0.exr, with commas
     #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',', help_heading = "Lightmap")]
     pub aov: Option<Vec<Aov>>,
+    /// How far --aov ao and bent look, in metres; inf has no limit [default: 1]
+    #[arg(long, value_name = "M", help_heading = "Lightmap")]
+    pub ao_distance: Option<f32>,
+    /// Pages that tell how the light changes with the normal, for normal maps; besides the lightmap [default: none]
+    #[arg(long, value_enum, value_name = "MODE", help_heading = "Lightmap")]
+    pub directional: Option<Directional>,
     /// A lightmap for each group of lights, NAME.lightmap-GROUP0.exr, besides their sum; as many times the work
     /// [default: false]
     #[arg(
@@ -207,6 +214,12 @@ pub struct Settings {
     /// Further layers, each once.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub aov: Vec<Aov>,
+    /// How far `ao` and `bent` look [m]; without it, [`Settings::AO_DISTANCE`]. JSON has no infinity and says null.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ao_distance: Option<f32>,
+    /// Light by normal.
+    #[serde(skip_serializing_if = "Directional::is_none")]
+    pub directional: Directional,
     /// A lightmap per group of lights.
     #[serde(skip_serializing_if = "core::ops::Not::not")]
     pub light_groups: bool,
@@ -316,6 +329,8 @@ impl Options {
             exr_image,
             preview_gltf,
             aov,
+            ao_distance,
+            directional,
             light_groups,
             target,
             subdivide,
@@ -366,6 +381,8 @@ impl Options {
             exr_image: self.exr_image.unwrap_or(false),
             preview_gltf: self.preview_gltf.unwrap_or(false),
             aov: self.aov.iter().flatten().copied().collect::<BTreeSet<_>>().into_iter().collect(),
+            ao_distance: self.ao_distance.map(|m| within("--ao-distance", m, 1e-6, f32::INFINITY)).transpose()?,
+            directional: self.directional.unwrap_or(Directional::None),
             light_groups: self.light_groups.unwrap_or(false),
             target: self.target.unwrap_or(Target::Lightmap),
             subdivide: self.subdivide.map(|x| positive("--subdivide", x)).transpose()?,
@@ -409,6 +426,7 @@ impl Options {
             return Err(Invalid("--sky: radiance must be finite and not negative".into()));
         }
         settings.check_target()?;
+        settings.check_directional()?;
         Ok(settings)
     }
 }
@@ -424,6 +442,7 @@ impl Settings {
         ];
         let for_lightmaps = [
             ("--aov", !self.aov.is_empty()),
+            ("--directional", self.is_directional()),
             ("--light-groups", self.light_groups),
             ("--format", self.format != [Format::Exr]),
             ("--exr-image", self.exr_image),

@@ -82,9 +82,11 @@ fn the_browser_check_rejects_wrong_light() {
 
 #[test]
 #[ignore = "slow: Chromium with software WebGL, and a Python environment"]
-fn a_browser_shows_vertex_light_and_says_what_is_wrong_with_a_file() {
+fn a_browser_shows_vertex_light_and_light_by_normal_and_says_what_is_wrong_with_a_file() {
     accepts("checks/browser_cases.py", &[]);
-    for (name, why) in [("radiosity", "is off by"), ("a texture without EXR", "was not refused")] {
+    let wrong =
+        [("radiosity", "is off by"), ("light by normal", "is off by"), ("a texture without EXR", "was not refused")];
+    for (name, why) in wrong {
         rejects("checks/browser_cases.py", &["--wrong", name], why);
     }
 }

@@ -261,7 +261,7 @@ fn an_environment_adds_up_to_the_sum_over_its_pixels() {
 fn divided(scene: &Scene, rays: f32, told: f32) -> [f64; 3] {
     let stage = Stage::new(scene, 6.0);
     let p = &stage.patches;
-    let settings = light::Settings { samples: 64, gather_rays: rays, seed: 3 };
+    let settings = light::Settings { samples: 64, gather_rays: rays, seed: 3, directional: false };
     let direct = light::direct(&stage.tracer, p, &stage.emitters, &settings, &Progress::default());
     let black = vec![Rgb::ZERO; p.len()];
     let sky = |normal, toward| stage.emitters.gathered_sky(scene, normal, toward, told);

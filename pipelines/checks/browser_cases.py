@@ -1,4 +1,4 @@
-"""Small files made here, shown with three.js: vertex light, and files that must be refused.
+"""Small files made here, shown with three.js: vertex light, light by normal, and files that must be refused.
 
 In: `--wrong NAME` breaks the case NAME on purpose, which must then be found. Out: a line per case on stdout; exit code 1
 when a picture differs from its closed form by more than a thousandth, or a broken file is not refused with its reason.
@@ -6,6 +6,9 @@ when a picture differs from its closed form by more than a thousandth, or a brok
 Vertex light: two squares of 2 × 2 m side by side fill the picture of an orthographic camera. The left one has light at its
 corners that is linear in place, so every pixel has a closed form: base colour × (1 − metallic) × light. The right one has
 the same material and no light: only its emission shows.
+
+Light by normal: the left square has a normal map of one slant and even textures of coefficients; the closed form is
+base colour × (1 − metallic) × (l0 + l1·n).
 """
 
 import argparse
@@ -19,6 +22,7 @@ import environment
 environment.enter()
 
 import numpy  # noqa: E402 (the environment comes first)
+import OpenImageIO  # noqa: E402
 
 from browser_session import address_of, shown  # noqa: E402
 
@@ -26,6 +30,11 @@ FOLDER = environment.ROOT / "target" / "crosscheck" / "browser_cases"
 WIDTH, HEIGHT = 64, 32
 TOLERANCE = 1e-3
 BASE, METALLIC, EMISSION = numpy.array([0.5, 0.25, 0.8]), 0.2, numpy.array([0.0, 0.125, 0.0])
+BY_NORMAL = "light by normal"
+# Bytes of a normal map, and coefficients that half floats hold exactly.
+SLANT = (191, 90, 220)
+COEFFICIENTS = {name: numpy.array(color) for name, color in (
+    ("l0", [2.0, 1.0, 0.5]), ("l1x", [1.5, -0.5, 0.25]), ("l1y", [-1.0, 0.5, 2.0]), ("l1z", [3.0, 1.0, 1.0]))}
 SQUARE = numpy.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], numpy.float32)
 INDICES = numpy.array([0, 1, 2, 0, 2, 3], numpy.uint16)
 
@@ -83,12 +92,60 @@ def vertex_lit(manifest=None, scale=1.0, at_root=False, attribute="_LIGHTMAP"):
     return document
 
 
-def expected():
-    """Closed form of the picture."""
+def expected(name):
+    """Closed form of a picture."""
     y, x = numpy.mgrid[:HEIGHT, :WIDTH]
     x, y = (x + 0.5) / WIDTH * 4 - 2, 1 - (y + 0.5) / HEIGHT * 2
-    lit = BASE * (1 - METALLIC) * light_at(x + 1, y)
+    light = light_by_normal() if name == BY_NORMAL else light_at(x + 1, y)
+    lit = BASE * (1 - METALLIC) * light
     return numpy.where((x < 0)[..., None], lit, 0.0) + EMISSION
+
+
+def slant():
+    """Normal of the normal map: its square faces +z, with u toward +x and v toward −y."""
+    normal = numpy.array(SLANT) / 255 * 2 - 1
+    return normal / numpy.linalg.norm(normal)
+
+
+def light_by_normal():
+    return COEFFICIENTS["l0"] + sum(COEFFICIENTS[name] * n for name, n in zip(("l1x", "l1y", "l1z"), slant()))
+
+
+def image(name, kind, color):
+    """Writes a file of 2 × 2 pixels of a colour."""
+    pixels = OpenImageIO.ImageBuf(OpenImageIO.ImageSpec(2, 2, len(color), kind))
+    OpenImageIO.ImageBufAlgo.fill(pixels, tuple(float(c) for c in color))
+    if not pixels.write(str(FOLDER / name)):
+        environment.fail(f"{name}: {pixels.geterror()}")
+
+
+def normal_mapped(swapped=False):
+    """The left square with light by normal and a slanted normal; `swapped` exchanges two of its textures."""
+    for name, color in COEFFICIENTS.items():
+        image(f"{name}.exr", "half", [*color, 1])
+    image("plain.exr", "half", [9, 9, 9, 1])
+    image("normal.png", "uint8", [c / 255 for c in SLANT])
+    document = squares(light_at(SQUARE[:, 0], SQUARE[:, 1]))
+    chunks = [base64.b64decode(document["buffers"][0]["uri"].partition(",")[2])]
+    uv = numpy.stack([SQUARE[:, 0] + 1, 1 - SQUARE[:, 1]], axis=-1) / 2
+    place = accessor(document, chunks, uv.astype(numpy.float32), "VEC2")
+    data = b"".join(chunks)
+    uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
+    document["buffers"] = [{"byteLength": len(data), "uri": uri}]
+    document["meshes"][0]["primitives"][0]["attributes"] |= {"TEXCOORD_0": place, "TEXCOORD_1": place}
+    del document["meshes"][0]["primitives"][0]["attributes"]["_LIGHTMAP"]
+    document["meshes"][1]["primitives"][0]["material"] = 1
+    document["materials"].append(document["materials"][0] | {})
+    names = ("l0", "l1y", "l1x", "l1z") if swapped else ("l0", "l1x", "l1y", "l1z")
+    files = {name: f"{file}.exr" for name, file in zip(COEFFICIENTS, names)}
+    document["images"] = [{"uri": "normal.png"}]
+    document["textures"] = [
+        {"source": 0}, {"extras": {"lightmap": {"uri": "plain.exr", "directional": {"mode": "sh"} | files}}}]
+    document["materials"][0] |= {
+        "normalTexture": {"index": 0},
+        "extensions": {"MOZ_lightmap": {"index": 1, "texCoord": 1, "intensity": math.pi}}}
+    document["extensionsUsed"] = ["MOZ_lightmap"]
+    return document
 
 
 def manifest(quantity, attribute="_LIGHTMAP"):
@@ -96,12 +153,13 @@ def manifest(quantity, attribute="_LIGHTMAP"):
 
 
 def pictures():
-    """Documents that must show `expected()`, by name."""
+    """Documents that must show what `expected` says, by name."""
     return {
         "radiosity": vertex_lit(manifest("radiosity")),
         "irradiance, said by the document": vertex_lit(manifest("irradiance"), math.pi, at_root=True),
         "no manifest": vertex_lit(),
         "another attribute": vertex_lit(manifest("radiosity", "_BAKE_2"), attribute="_BAKE_2"),
+        BY_NORMAL: normal_mapped(),
     }
 
 
@@ -136,11 +194,12 @@ def job(name, document):
     return {"address": address_of(file), "width": WIDTH, "height": HEIGHT, "strata": 1}
 
 
-def picture_fault(result):
+def picture_fault(name, result):
     if "error" in result:
         return f"the page says: {result['error']}"
     pixels = numpy.frombuffer(base64.b64decode(result["radiance"]), numpy.float32).reshape(HEIGHT, WIDTH, 4)[..., :3]
-    error = float((numpy.abs(pixels - expected()) / numpy.maximum(expected(), EMISSION.max())).max())
+    truth = expected(name)
+    error = float((numpy.abs(pixels - truth) / numpy.maximum(truth, EMISSION.max())).max())
     print(f"    largest error {error:.2e}")
     return None if error <= TOLERANCE else f"is off by {error:.2%}"
 
@@ -152,7 +211,7 @@ def main():
     FOLDER.mkdir(parents=True, exist_ok=True)
     good, bad = pictures(), refusals()
     if wrong in good:
-        good = {wrong: vertex_lit(manifest("irradiance"), 1.0)}
+        good = {wrong: normal_mapped(swapped=True) if wrong == BY_NORMAL else vertex_lit(manifest("irradiance"), 1.0)}
         bad = {}
     elif wrong in bad:
         good, bad = {}, {wrong: (vertex_lit(), bad[wrong][1])}
@@ -164,7 +223,7 @@ def main():
     for name, result in results.items():
         print(name)
         if name in good:
-            fault = picture_fault(result)
+            fault = picture_fault(name, result)
         else:
             said = result.get("error", "it loads")
             fault = None if bad[name][1] in said else f"was not refused for '{bad[name][1]}': {said}"

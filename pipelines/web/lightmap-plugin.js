@@ -8,6 +8,8 @@
  *
  * In, lightmaps: materials with `MOZ_lightmap` (texture `index`, `texCoord`, `intensity`), whose texture names an EXR in
  * `extras.lightmap.uri`. Its texel × intensity is irradiance E [lx]; three.js wants E in `material.lightMap`.
+ * In, light by normal (`--directional sh`): `extras.lightmap.directional` of that texture names four more EXR; then light follows
+ * normal maps.
  * In, vertex light: a mesh attribute `_LIGHTMAP` (three floats a vertex), and `extras.lightmap` of the scene or the
  * document: `{"version": 1, "quantity": "radiosity" | "irradiance", "attribute": "_LIGHTMAP"}`. Radiosity, the default,
  * is E/π, irradiance is E.
@@ -18,10 +20,10 @@
  * leaves lightmaps to three.js as they are; vertex light always needs the patch.
  *
  * Invariants: a page is loaded once, whatever the number of materials. Pages have no mip-maps, which would bleed from
- * chart to chart, and are clamped. Unlit materials stay as they are. A material has a lightmap or vertex light; if a
+ * chart to chart, and are clamped. Without a normal map, light by normal is the lightmap again. Unlit materials stay as they are. A material has a lightmap or vertex light; if a
  * document gives both, the lightmap counts.
  * Limits: WebGLRenderer, three.js r187 (older releases may lack `diffuseContribution`). `KHR_texture_transform` inside
- * `MOZ_lightmap` is refused. Materials that you clone lose the patch, as three.js does not copy `onBeforeCompile`.
+ * `MOZ_lightmap` is refused. Light by normal holds for models as they were baked: turned ones keep the light of before. Materials that you clone lose the patch, as three.js does not copy `onBeforeCompile`.
  */
 
 import { ClampToEdgeWrapping, LinearFilter, LoaderUtils, REVISION, ShaderChunk } from 'three';
@@ -29,6 +31,9 @@ import { EXRLoader } from 'three/addons/loaders/EXRLoader.js';
 
 /** By material: `set(factor)` for its baked light; for vertex light also `attribute` and `scale`, which makes it E. */
 const baked = new WeakMap();
+
+/** Textures of light by normal: light = l0 + l1x·n.x + l1y·n.y + l1z·n.z, n in the world. */
+const COEFFICIENTS = ['l0', 'l1x', 'l1y', 'l1z'];
 
 /** Multiplies all baked light under `root` by `factor`: 0 switches it off, 1 is as baked. */
 export function setBakedLight(root, factor) {
@@ -44,16 +49,22 @@ export function vertexLightOf(material) {
 }
 
 export class LightmapPlugin {
-  /** `options.plain`: do not patch the shaders of lightmapped materials. */
+  /**
+   * `options.plain`: do not patch the shaders of lightmapped materials. `options.directional`: false leaves light by normal
+   * on the server, for four times less to load.
+   */
   constructor(parser, options = {}) {
     this.name = 'MOZ_lightmap';
     this.parser = parser;
     this.plain = options.plain ?? false;
+    this.directional = (options.directional ?? true) && !this.plain;
     /** Promised textures, by URI and by URI and texture coordinate set. */
     this.files = new Map();
     this.pages = new Map();
     /** Lightmap textures that this plugin made. */
     this.textures = new Set();
+    /** Their textures of light by normal, in the order of COEFFICIENTS. */
+    this.byNormal = new Map();
     /** Materials with vertex light, by the material they were cloned from. */
     this.vertexLit = new Map();
   }
@@ -89,12 +100,21 @@ export class LightmapPlugin {
     }
     const channel = reference.texCoord ?? 0;
     return remember(this.pages, `${channel} ${uri}`, async () => {
-      const file = await remember(this.files, uri, () => this.load(uri, where));
+      const file = await this.file(uri, where);
       const texture = file.clone(); // shares the texels
       texture.channel = channel;
       this.textures.add(texture);
+      const { directional } = this.parser.json.textures[reference.index].extras.lightmap;
+      if (this.directional && directional?.mode === 'sh') {
+        const files = COEFFICIENTS.map((name) => this.file(directional[name], where));
+        this.byNormal.set(texture, await Promise.all(files));
+      }
       return texture;
     });
+  }
+
+  file(uri, where) {
+    return remember(this.files, uri, () => this.load(uri, where));
   }
 
   async load(uri, where) {
@@ -139,12 +159,14 @@ export class LightmapPlugin {
     const intensity = material.lightMapIntensity;
     baked.set(material, { set: (factor) => { material.lightMapIntensity = intensity * factor; } });
     if (this.plain) return;
+    const byNormal = this.byNormal.get(material.lightMap);
     material.onBeforeCompile = (shader) => {
       const maps = replaced(ShaderChunk.lights_fragment_maps, 'irradiance += lightMapIrradiance;', '');
       shader.fragmentShader = replaced(shader.fragmentShader, '#include <lights_fragment_maps>', maps);
-      reflect(shader, 'texture2D( lightMap, vLightMapUv ).rgb * lightMapIntensity');
+      const light = byNormal ? lightByNormal(shader, byNormal) : 'texture2D( lightMap, vLightMapUv ).rgb';
+      reflect(shader, `${light} * lightMapIntensity`);
     };
-    material.customProgramCacheKey = () => 'texelwalk lightmap';
+    material.customProgramCacheKey = () => (byNormal ? 'texelwalk lightmap by normal' : 'texelwalk lightmap');
   }
 
   vertexLitMaterial(original, name, quantity) {
@@ -171,6 +193,18 @@ export class LightmapPlugin {
     this.vertexLit.set(key, material);
     return material;
   }
+}
+
+/** Declares the textures; a GLSL expression of the light for the normal of the pixel, that of a front on backs, too. */
+function lightByNormal(shader, textures) {
+  const common = '#include <common>';
+  textures.forEach((texture, k) => { shader.uniforms[`baked_${COEFFICIENTS[k]}`] = { value: texture }; });
+  const samplers = COEFFICIENTS.map((name) => `uniform sampler2D baked_${name};`).join('\n');
+  const read = (name) => `texture2D( baked_${name}, uv ).rgb`;
+  const sum = `${read('l0')} + ${read('l1x')} * n.x + ${read('l1y')} * n.y + ${read('l1z')} * n.z`;
+  const added = `${common}\n${samplers}\nvec3 bakedLight( vec2 uv, vec3 n ) { return max( ${sum}, vec3( 0.0 ) ); }`;
+  shader.fragmentShader = replaced(shader.fragmentShader, common, added);
+  return 'bakedLight( vLightMapUv, inverseTransformDirection( normal * faceDirection, viewMatrix ) )';
 }
 
 /** Adds diffusely reflected light, behind the occlusion map. `irradiance` is a GLSL expression [lx]. */

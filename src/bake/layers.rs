@@ -11,11 +11,15 @@
 //! What describes the surface is zero beside charts, and in texels that lie wholly inside solids: `albedo` (diffuse
 //! reflectance), `normal` (unit, in the world), `position` (centre of the exposed part, in the world) [m], `chart` (number
 //! from 1), `density` [texels/m], `coverage` (part of the texel that is exposed surface, in [0, 1]).
+//!
+//! What is open above the surface (`gather::openness`) goes beyond charts, so that it can be filtered: `ao` (share of the
+//! hemisphere, by cosine) and `bent` (mean direction of that share, unit, in the world).
 
 use super::Solution;
 use super::solve::{Setup, mean};
 use crate::base::{Rgb, color, parallel};
 use crate::finish::{self, Lightmap, Page};
+use crate::gather::Openness;
 use crate::html::DIM;
 use crate::output::exr::AovLayer;
 use crate::settings::Aov;
@@ -41,6 +45,10 @@ enum Kind {
     Stitched,
     /// In its unit, borders filled.
     Filled,
+    /// As it is, borders filled.
+    Spread,
+    /// As it is, borders filled, of unit length there, too.
+    Directions,
     /// As it is.
     Bare,
 }
@@ -59,6 +67,8 @@ pub(super) fn layers(
         let map = match layer.kind {
             Kind::Stitched => finish(&layer.values),
             Kind::Filled => super::on_pages(setup, pages, &layer.values, factor),
+            Kind::Spread => super::on_pages(setup, pages, &layer.values, 1.0),
+            Kind::Directions => unit(super::on_pages(setup, pages, &layer.values, 1.0)),
             Kind::Bare => finish::assemble(setup.patches, pages, &layer.values, 1.0),
         };
         for (page, layers) in map.pages.iter().zip(&mut out) {
@@ -88,8 +98,23 @@ fn layer(aov: Aov, setup: &Setup<'_>, solution: &Solution) -> Layer {
         Aov::Position => surface("position", VECTOR, &|i| patches.position[i]),
         Aov::Chart => surface("chart", NUMBER, &|i| Rgb::splat((patches.chart(i) + 1) as f32)),
         Aov::Density => surface("density", NUMBER, &|i| Rgb::splat(1.0 / patches.texel_edge(i))),
+        Aov::Ao => light("ao", Kind::Spread, NUMBER, open(setup, |o| Rgb::splat(o.share))),
+        Aov::Bent => light("bent", Kind::Directions, VECTOR, open(setup, |o| o.direction)),
         Aov::Coverage => surface("coverage", NUMBER, &|i| Rgb::splat(patches.covered(i) * patches.exposed[i])),
     }
+}
+
+fn open(setup: &Setup<'_>, value: fn(&Openness) -> Rgb) -> Vec<Rgb> {
+    setup.openness.iter().map(value).collect()
+}
+
+/// Directions of unit length; means of them are shorter.
+fn unit(mut map: Lightmap) -> Lightmap {
+    for pixel in map.pages.iter_mut().flat_map(|page| &mut page.pixels) {
+        let direction = Rgb::new(pixel[0], pixel[1], pixel[2]).normalize_or_zero();
+        pixel[..3].copy_from_slice(&direction.to_array());
+    }
+    map
 }
 
 /// Root mean square error of the channels [lx].

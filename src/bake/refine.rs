@@ -14,8 +14,8 @@ use super::power;
 use super::solve::{Budget, Halves, Setup, Solver};
 use super::{Error, Solution};
 use crate::base::random::mix;
-use crate::base::{Rgb, Warning};
-use crate::finish::{self, Errors};
+use crate::base::{LightVector, Rgb, Warning};
+use crate::finish::{self, Along, Errors};
 use crate::output::report;
 use crate::settings::{Aov, SplatMode};
 
@@ -39,7 +39,7 @@ pub(super) fn refine(
         Plan::new(goals, settings.gather, [Budget::most(settings, setup.patches), Budget::most_of_all(settings)]);
     let seed = |k: u64| if k == 0 { settings.seed } else { mix(settings.seed ^ mix(GROUPS ^ k)) };
     let mut solvers: Vec<Solver<'_>> =
-        (0..).zip(groups).map(|(k, g)| Solver::new(setup.patches, &g.emitters, seed(k))).collect();
+        (0..).zip(groups).map(|(k, g)| Solver::new(setup, &g.emitters, seed(k))).collect();
     let mut best = Solution::default();
     let end = loop {
         let budget = match plan.next(clock.elapsed()) {
@@ -96,16 +96,18 @@ fn shared(setup: &Setup<'_>, solvers: &[Solver<'_>], clock: &mut Clock<'_>) -> R
 /// the two.
 fn share(setup: &Setup<'_>, halves: &mut Halves) -> [Errors; 2] {
     let shares = setup.settings.splat == SplatMode::Share;
-    let flow = |halves: &mut [Vec<Rgb>; 2], along: Option<&mut Vec<Rgb>>| {
+    let flow = |halves: &mut [Vec<Rgb>; 2], part: Option<&mut Vec<Rgb>>, vectors: &mut Vec<LightVector>| {
         if !shares {
             return Errors::of_noise(halves);
         }
         let [a, b] = halves;
+        let along = Along { part, vectors: Some(vectors) };
         finish::share(setup.patches, setup.graph, [a, b], along)
     };
     let splits = setup.settings.aov.iter().any(|aov| matches!(aov, Aov::Direct | Aov::Indirect));
-    let indirect = flow(&mut halves.indirect, splits.then_some(&mut halves.sky));
-    let direct = flow(&mut halves.direct, None);
+    let [vectors, bounced] = &mut halves.vectors;
+    let indirect = flow(&mut halves.indirect, splits.then_some(&mut halves.sky), bounced);
+    let direct = flow(&mut halves.direct, None, vectors);
     [direct, indirect]
 }
 

@@ -15,9 +15,9 @@
 use super::clock::{Clock, Stop};
 use super::power;
 use crate::base::random::mix;
-use crate::base::{Progress, Rgb, color, parallel};
-use crate::finish;
-use crate::gather::{self, Gathered};
+use crate::base::{LightVector, Progress, Rgb, color, parallel};
+use crate::finish::{self, Along};
+use crate::gather::{self, Gathered, Openness};
 use crate::light::{self, Emitters, shoot};
 use crate::output::report;
 use crate::patches::{PatchGraph, Patches, Shine, Tilts};
@@ -34,6 +34,8 @@ pub(super) struct Setup<'a> {
     pub(super) tracer: &'a Tracer<'a>,
     pub(super) patches: &'a Patches,
     pub(super) graph: &'a PatchGraph,
+    /// What is open around the front patches, if a layer needs it.
+    pub(super) openness: &'a [Openness],
 }
 
 /// What one pass may spend.
@@ -58,6 +60,8 @@ pub(super) struct Halves {
     pub(super) indirect: [Vec<Rgb>; 2],
     /// Mean of what the gather found of the sky, part of `indirect`.
     pub(super) sky: Vec<Rgb>,
+    /// Light vectors of `direct` and of `indirect` [lx]; empty unless directional light is baked.
+    pub(super) vectors: [Vec<LightVector>; 2],
 }
 
 /// What the passes so far have found, on all patches.
@@ -72,6 +76,8 @@ pub(super) struct Solver<'a> {
     sky: [Vec<Rgb>; 2],
     /// How the rest of it changes over the texel [lx per texel]; empty without shadow rays.
     slopes: [Vec<Vec2>; 2],
+    /// Light vectors of the rest [lx]; empty if they are not wanted.
+    vectors: Vec<LightVector>,
     /// Irradiance by the walks, straight from the emitters and after reflections [lx].
     walked: [[Vec<Rgb>; 2]; 2],
     gathered: Gathered,
@@ -93,6 +99,12 @@ impl Halves {
         (half(0) + half(1)) * 0.5
     }
 
+    /// Light vectors of all light [lx]; empty if they are not wanted.
+    pub(super) fn light_vectors(&self) -> Vec<LightVector> {
+        let [direct, indirect] = &self.vectors;
+        direct.iter().zip(indirect).map(|(a, b)| *a + *b).collect()
+    }
+
     /// Light of other sources comes on top.
     pub(super) fn add(&mut self, other: &Self) {
         for (own, others) in [(&mut self.direct, &other.direct), (&mut self.indirect, &other.indirect)] {
@@ -101,6 +113,9 @@ impl Halves {
             }
         }
         self.sky.iter_mut().zip(&other.sky).for_each(|(a, b)| *a += *b);
+        for (own, others) in self.vectors.iter_mut().zip(&other.vectors) {
+            own.iter_mut().zip(others).for_each(|(a, b)| *a += *b);
+        }
     }
 }
 
@@ -140,7 +155,8 @@ fn lines(settings: &Settings, patches: &Patches) -> u64 {
 
 impl<'a> Solver<'a> {
     /// Darkness, before the first pass.
-    pub(super) fn new(patches: &Patches, emitters: &'a Emitters, seed: u64) -> Self {
+    pub(super) fn new(setup: &Setup<'_>, emitters: &'a Emitters, seed: u64) -> Self {
+        let patches = setup.patches;
         let black = || [0, 1].map(|_| vec![Rgb::ZERO; patches.len()]);
         Self {
             emitters,
@@ -148,8 +164,13 @@ impl<'a> Solver<'a> {
             direct: black(),
             sky: black(),
             slopes: [vec![], vec![]],
+            vectors: vec![],
             walked: [black(), black()],
-            gathered: Gathered::new(patches),
+            gathered: if setup.settings.is_directional() {
+                Gathered::directional(patches)
+            } else {
+                Gathered::new(patches)
+            },
             spent: [0.0; 2],
             power: report::Walk::default(),
             shadow_rays: 0,
@@ -158,13 +179,14 @@ impl<'a> Solver<'a> {
 
     /// Solves once more. After an `Err`, what was found so far is worth nothing.
     pub(super) fn pass(&mut self, setup: &Setup<'_>, budget: &Budget, clock: &mut Clock<'_>) -> Result<(), Stop> {
-        let Setup { settings, tracer, patches, graph } = *setup;
+        let Setup { settings, tracer, patches, graph, .. } = *setup;
         let (emitters, seed) = (self.emitters, self.seed);
         let pass_seed = if budget.pass == 0 { seed } else { mix(seed ^ mix(budget.pass)) };
         if settings.direct == DirectMode::Gather {
             clock.timed("direct", |progress| {
                 let (samples, gather_rays) = (budget.direct_samples, gather_rays(settings));
-                let how = light::Settings { samples, gather_rays, seed: pass_seed };
+                let how =
+                    light::Settings { samples, gather_rays, seed: pass_seed, directional: settings.is_directional() };
                 self.add_direct(light::direct(tracer, patches, emitters, &how, progress), budget);
             })?;
         }
@@ -204,6 +226,7 @@ impl<'a> Solver<'a> {
         let (all, new) = (self.direct.iter_mut().chain(&mut self.sky), found.halves.into_iter().chain(found.gathered));
         all.zip(new).for_each(|(all, new)| merge(all, new, share));
         self.slopes.iter_mut().zip(found.slopes).for_each(|(all, new)| merge(all, new, share));
+        merge(&mut self.vectors, found.vectors, share);
         self.shadow_rays += found.rays;
     }
 
@@ -246,7 +269,7 @@ impl<'a> Solver<'a> {
             // The last bounce reads few texels near corners, so the walk's noise would show there as blotches.
             clock.timed("smooth", |_| {
                 let [a, b] = &mut smooth;
-                finish::share(patches, setup.graph, [a, b], None);
+                finish::share(patches, setup.graph, [a, b], Along::default());
             })?;
         }
         let straight = |h: usize, i: usize| direct[i] - sky[i] + straight[h][i];
@@ -272,7 +295,7 @@ impl<'a> Solver<'a> {
         self.gathered.add(field, |_| first, progress);
         if half > first && !progress.cancelled() {
             let [mut a, mut b] = self.gathered.halves();
-            let error = finish::share(field.patches, graph, [&mut a, &mut b], None);
+            let error = finish::share(field.patches, graph, [&mut a, &mut b], Along::default());
             let rays = gather::second_round(&error.around(field.patches, graph), half - first);
             self.gathered.add(field, |i| rays[i], progress);
         }
@@ -291,6 +314,7 @@ impl<'a> Solver<'a> {
             direct: [0, 1]
                 .map(|h: usize| parallel::map(front, |i| self.direct[h][i] - self.sky[h][i] + straight[h][i])),
             sky: self.gathered.sky(),
+            vectors: [self.vectors.iter().take(front).copied().collect(), self.gathered.vectors()],
             indirect: if setup.settings.gather > 0 {
                 self.gathered.halves()
             } else {

@@ -5,6 +5,7 @@ use super::{Error, Outcome, Request, Solution};
 use crate::atlas::Atlas;
 use crate::base::Warning;
 use crate::finish::Lightmap;
+use crate::output::directional::Texture;
 use crate::output::{atomic, depfile, exr, formats, gltf, names, png, report, usd};
 use crate::patches::Patches;
 use crate::scene::Scene;
@@ -31,6 +32,8 @@ pub(super) struct Results {
     pub(super) lightmap: Lightmap,
     /// By name of the group of lights.
     pub(super) groups: Vec<(String, Lightmap)>,
+    /// Light by normal, if it is asked for.
+    pub(super) directional: Vec<(Texture, Lightmap)>,
     /// Layers by page.
     pub(super) aovs: Vec<Vec<exr::AovLayer>>,
     /// At the seams, before they were stitched and after.
@@ -120,12 +123,16 @@ impl Facts<'_> {
         let plan = formats::Plan::new(&settings.format, settings.padding, &results.lightmap);
         let mut names = names::page_files(&document, self.atlas.pages);
         plan.name(&mut names, settings.exr_image);
+        for page in &mut names {
+            page.directional = results.directional.iter().map(|(t, _)| (*t, t.path(&page.exr))).collect();
+        }
         let attributes = attributes(settings);
         let mut files: Vec<File> = vec![];
         for (page, name) in results.lightmap.pages.iter().zip(&names) {
             files.extend(plan.encode(&name.exr, page, &attributes)?);
             files.push((name.png.clone(), png::preview(&name.png, page)?));
         }
+        files.extend(directional(results, &names, &attributes)?);
         for (paths, (name, map)) in self.group_paths(results).into_iter().zip(&results.groups) {
             let mut attributes = attributes.clone();
             attributes.insert("texelwalk.light_group".to_owned(), name.clone());
@@ -178,6 +185,16 @@ impl Facts<'_> {
         self.group_paths(results).into_iter().zip(&results.groups).map(one).collect()
     }
 
+    fn directional_files(&self, results: &Results) -> Vec<report::DirectionalTexture> {
+        let document = names::document_path(&self.request.input, &self.request.output);
+        let pages = names::page_files(&document, self.atlas.pages);
+        let one = |(texture, _): &(Texture, Lightmap)| report::DirectionalTexture {
+            name: texture.name().to_owned(),
+            files: pages.iter().map(|page| texture.path(&page.exr).display().to_string()).collect(),
+        };
+        results.directional.iter().map(one).collect()
+    }
+
     fn report(
         &self,
         solution: &Solution,
@@ -222,6 +239,7 @@ impl Facts<'_> {
             refinement: solution.refinement.clone(),
             seams: seams(&results.steps),
             light_groups: self.group_files(results),
+            directional: self.directional_files(results),
             vertices: results.vertices.as_ref().map(|light| vertices(&light.fit)),
             rays,
             rays_per_second: rays as f64 / tracing_seconds.fold(0.0, |a, b| a + b).max(1e-9),
@@ -230,6 +248,23 @@ impl Facts<'_> {
             warnings,
         }
     }
+}
+
+/// The textures of light by normal, page by page.
+fn directional(
+    results: &Results,
+    names: &[names::PageFiles],
+    attributes: &exr::Attributes,
+) -> Result<Vec<File>, Error> {
+    let mut files = vec![];
+    for (k, page) in names.iter().enumerate() {
+        for ((texture, path), (_, map)) in page.directional.iter().zip(&results.directional) {
+            let mut attributes = attributes.clone();
+            attributes.insert("texelwalk.directional".to_owned(), texture.name().to_owned());
+            files.push((path.clone(), exr::lightmap(path, &map.pages[k], &attributes)?));
+        }
+    }
+    Ok(files)
 }
 
 fn gltf_settings(settings: &Settings, output: PathBuf) -> gltf::Settings {

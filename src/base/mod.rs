@@ -8,6 +8,7 @@ pub mod bilinear;
 pub mod color;
 pub mod distribution;
 pub mod frame;
+pub mod light_vector;
 pub mod low_discrepancy;
 pub mod nonnegative;
 pub mod parallel;
@@ -19,6 +20,7 @@ pub mod warp;
 
 pub use color::Rgb;
 pub use frame::Frame;
+pub use light_vector::LightVector;
 pub use progress::Progress;
 pub use random::Stream;
 pub use warning::{Warned, Warning};

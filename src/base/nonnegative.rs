@@ -49,6 +49,20 @@ pub fn solve(
     x.into_iter().map(|v| v.max(DVec3::ZERO)).collect()
 }
 
+/// [`solve`] for values that may have either sign.
+#[must_use]
+pub fn solve_signed(
+    system: &impl Equations,
+    load: &[DVec3],
+    mut x: Vec<DVec3>,
+    close: f64,
+    progress: &Progress,
+) -> Vec<DVec3> {
+    let free = vec![BVec3::TRUE; x.len()];
+    conjugate_gradients(system, load, &mut x, &free, close, progress);
+    x
+}
+
 /// Fixes what is negative, frees what wants to grow; whether there was any.
 fn pivot(system: &impl Equations, load: &[DVec3], x: &mut [DVec3], free: &mut [BVec3], close: f64) -> bool {
     let product = system.times(x);

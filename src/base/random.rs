@@ -22,6 +22,8 @@ pub enum Stage {
     Render = 5,
     /// Stochastic alpha.
     Alpha = 6,
+    /// How open the surroundings are.
+    Openness = 7,
 }
 
 /// Mixes 64 bits; a bijection in which every input bit changes half of the output bits.

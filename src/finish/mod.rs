@@ -8,7 +8,7 @@ mod share;
 
 pub use assemble::assemble;
 pub use dilate::dilate;
-pub use share::{Errors, share};
+pub use share::{Along, Errors, share};
 
 /// One page of a lightmap, row-major, row 0 = v 0.
 #[derive(Debug, Clone, Default, PartialEq)]

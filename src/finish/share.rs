@@ -28,7 +28,7 @@
 
 use super::cells::Cells;
 use super::network::Network;
-use crate::base::{Rgb, parallel};
+use crate::base::{LightVector, Rgb, parallel};
 use crate::patches::{PatchGraph, Patches};
 use core::ops::{Add, Mul, Sub};
 
@@ -113,13 +113,17 @@ impl Errors {
     }
 }
 
+/// What flows as the light that it belongs to does. Empty fields are left alone.
+#[derive(Debug, Default)]
+pub struct Along<'a> {
+    /// A part of the light [lx].
+    pub part: Option<&'a mut Vec<Rgb>>,
+    /// Light vectors [lx].
+    pub vectors: Option<&'a mut Vec<LightVector>>,
+}
+
 /// Shares two halves of irradiance [lx] of the first patches in place; what is in `along` flows the same way.
-pub fn share(
-    patches: &Patches,
-    graph: &PatchGraph,
-    halves: [&mut Vec<Rgb>; 2],
-    along: Option<&mut Vec<Rgb>>,
-) -> Errors {
+pub fn share(patches: &Patches, graph: &PatchGraph, halves: [&mut Vec<Rgb>; 2], along: Along<'_>) -> Errors {
     let [a, b] = halves;
     let raw = parallel::map_light(a.len(), |i| Pair(a[i], b[i]));
     let network = Network::new(patches, graph, raw.len());
@@ -127,8 +131,11 @@ pub fn share(
     let steps = widest(&wanted);
     let network = network.narrowed(&wanted, steps);
     let shared = network.flow(raw.clone(), steps);
-    if let Some(part) = along {
+    if let Some(part) = along.part {
         *part = network.flow(core::mem::take(part), steps);
+    }
+    if let Some(vectors) = along.vectors.filter(|v| !v.is_empty()) {
+        *vectors = network.flow(core::mem::take(vectors), steps);
     }
     let noise = |p: Pair| 0.25 * (p.0 - p.1).length_squared();
     let bias = |i: usize| judged(shared[i], raw[i]) - 2.0 * noise(raw[i]) - noise(shared[i]);

@@ -25,13 +25,21 @@
 //! Source: Reichert, "A Two-Pass Radiosity Method Driven by Lights and Viewer Position" (thesis, Cornell, 1992), for
 //! the final gather over a radiosity solution.
 //!
+//! Light vectors, where they are wanted, come from the same rays (`bent`); nothing else changes by them.
+//!
 //! Invariants: same bits at any thread count; zero rays, zero light.
+
+mod bent;
+mod openness;
+
+pub use openness::{Openness, RAYS, openness};
 
 use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, mix};
-use crate::base::{Progress, Rgb, parallel, warp};
+use crate::base::{LightVector, Progress, Rgb, parallel, warp};
 use crate::patches::{PatchSurface, Patches, Tilts};
 use crate::trace::{Ray, Tracer};
+use bent::Bent;
 use core::f32::consts::PI;
 use glam::{Vec2, Vec3};
 
@@ -62,6 +70,8 @@ pub struct Field<'a> {
 #[derive(Debug, Default, Clone)]
 pub struct Gathered {
     texels: Vec<Texel>,
+    /// What light vectors are made of; empty if they are not wanted.
+    bent: Vec<Bent>,
 }
 
 /// One texel's sums.
@@ -79,13 +89,35 @@ impl Gathered {
     /// Nothing yet.
     #[must_use]
     pub fn new(patches: &Patches) -> Self {
-        Self { texels: vec![Texel::default(); patches.front] }
+        Self { texels: vec![Texel::default(); patches.front], bent: vec![] }
+    }
+
+    /// Nothing yet, with room for light vectors.
+    #[must_use]
+    pub fn directional(patches: &Patches) -> Self {
+        Self { bent: vec![Bent::default(); patches.front], ..Self::new(patches) }
     }
 
     /// Traces `rays(texel)` more rays per half at every front patch.
     pub fn add(&mut self, field: &Field<'_>, rays: impl Fn(usize) -> u32 + Sync, progress: &Progress) {
         let texels = core::mem::take(&mut self.texels);
-        self.texels = parallel::map_watched(texels.len(), progress, |i| field.texel(i, texels[i], rays(i)));
+        if self.bent.is_empty() {
+            self.texels = parallel::map_watched(texels.len(), progress, |i| field.texel(i, texels[i], rays(i), None));
+            return;
+        }
+        let bent = core::mem::take(&mut self.bent);
+        let found = parallel::map_watched(texels.len(), progress, |i| {
+            let mut own = bent[i];
+            (field.texel(i, texels[i], rays(i), Some(&mut own)), own)
+        });
+        (self.texels, self.bent) = found.into_iter().unzip();
+    }
+
+    /// Light vectors of what both halves found [lx]; empty without [`Gathered::directional`].
+    #[must_use]
+    pub fn vectors(&self) -> Vec<LightVector> {
+        let one = |(texel, bent): (&Texel, &Bent)| bent.vector(texel.sums, texel.rays);
+        self.texels.iter().zip(&self.bent).map(one).collect()
     }
 
     /// Irradiance by each half of the rays, indirect and from the sky [lx].
@@ -122,7 +154,7 @@ pub fn second_round(error: &[f32], mean: u32) -> Vec<u32> {
 }
 
 impl Field<'_> {
-    fn texel(&self, patch: usize, before: Texel, rays: u32) -> Texel {
+    fn texel(&self, patch: usize, before: Texel, rays: u32, mut bent: Option<&mut Bent>) -> Texel {
         let mut out = before;
         if self.patches.exposed[patch] <= 0.0 || rays == 0 {
             return out;
@@ -136,30 +168,47 @@ impl Field<'_> {
             let sequence = Sequence::new(mix(self.seed ^ key));
             for k in before.rays..out.rays {
                 let [u, v, x, y] = sequence.point((place % TILE) * MOST_RAYS + k);
-                let Some((ray, normal)) = ray(&surface, Vec2::new(u, v), Vec2::new(x, y)) else { continue };
-                if let Some(hit) = self.tracer.closest_hit(&ray) {
-                    out.sums[half] += self
-                        .patches
-                        .seen(&hit)
-                        .map_or(Rgb::ZERO, |seen| radiance[seen.patch] * self.tilts.of(seen.patch).at(seen.within));
-                } else if let Some(sky) = self.sky {
-                    let light = sky(normal, ray.direction);
-                    out.sums[half] += light;
-                    out.sky += light;
+                let aim = Aim::new(&surface, Vec2::new(u, v), Vec2::new(x, y));
+                let light = self.look(&aim, radiance, &mut out.sky);
+                out.sums[half] += light;
+                if let Some(bent) = &mut bent {
+                    bent.add(half, aim.normal, aim.direction, light);
                 }
             }
         }
         out
     }
+
+    /// Radiance from where a ray goes; what comes from the sky is added to `sky` as well.
+    fn look(&self, aim: &Aim, radiance: &[Rgb], sky: &mut Rgb) -> Rgb {
+        let Some(origin) = aim.origin else { return Rgb::ZERO };
+        let Aim { direction, normal, .. } = *aim;
+        if let Some(hit) = self.tracer.closest_hit(&Ray { origin, direction, t_max: f32::INFINITY }) {
+            let seen = self.patches.seen(&hit);
+            return seen.map_or(Rgb::ZERO, |seen| radiance[seen.patch] * self.tilts.of(seen.patch).at(seen.within));
+        }
+        let light = self.sky.map_or(Rgb::ZERO, |sky| sky(normal, direction));
+        *sky += light;
+        light
+    }
 }
 
-/// A ray and the shading normal where it starts; `None` for a direction that a bent shading normal sends below the surface.
-fn ray(surface: &PatchSurface<'_>, direction: Vec2, position: Vec2) -> Option<(Ray, Vec3)> {
-    let spot = surface.sample(position);
-    let frame = surface.shading_frame(&spot);
-    let direction = frame.to_world(warp::square_to_cosine_hemisphere(direction));
-    if direction.dot(surface.normal(&spot)) <= 0.0 {
-        return None;
+/// Where a ray goes.
+struct Aim {
+    /// `None` for a direction that a bent shading normal sends below the surface.
+    origin: Option<Vec3>,
+    /// Unit length, cosine-distributed around the normal.
+    direction: Vec3,
+    /// Shading normal where it starts.
+    normal: Vec3,
+}
+
+impl Aim {
+    fn new(surface: &PatchSurface<'_>, direction: Vec2, position: Vec2) -> Self {
+        let spot = surface.sample(position);
+        let frame = surface.shading_frame(&spot);
+        let direction = frame.to_world(warp::square_to_cosine_hemisphere(direction));
+        let above = direction.dot(surface.normal(&spot)) > 0.0;
+        Self { origin: above.then(|| surface.origin(&spot, direction)), direction, normal: frame.n }
     }
-    Some((Ray { origin: surface.origin(&spot, direction), direction, t_max: f32::INFINITY }, frame.n))
 }

@@ -10,13 +10,14 @@
 
 use super::allot::{self, Allotment};
 use super::hard::{self, Hard};
+use super::lit::Lit;
 use super::look::{Look, Place};
 use super::neighbors::Neighbors;
 use super::slope::Moments;
 use super::{Emitters, Settings};
 use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, Stream, mix};
-use crate::base::{Progress, Rgb, parallel};
+use crate::base::{LightVector, Progress, Rgb, parallel};
 use crate::patches::Patches;
 use crate::trace::Tracer;
 use glam::Vec2;
@@ -33,6 +34,8 @@ pub struct Direct {
     pub gathered: [Vec<Rgb>; 2],
     /// How the halves change over the texel, without that part: mean of the channels [lx per texel].
     pub slopes: [Vec<Vec2>; 2],
+    /// Light vectors without that part, mean of the halves [lx]; empty if they are not wanted.
+    pub vectors: Vec<LightVector>,
     /// Shadow rays that were shot.
     pub rays: u64,
 }
@@ -64,6 +67,8 @@ pub(super) struct Estimate {
 struct Layer {
     kind: Kind,
     estimates: Vec<Estimate>,
+    /// Light vectors without what the gather finds [lx]; empty if they are not wanted.
+    vectors: Vec<LightVector>,
 }
 
 struct Context<'a, L> {
@@ -74,11 +79,8 @@ struct Context<'a, L> {
     settings: &'a Settings,
 }
 
-/// What samples found: all of it, and what of it the final gather finds, too.
-type Seen = [Rgb; 2];
-
-/// Sums of the samples of one half, and the slope over the texel.
-type Half = (Seen, Vec2);
+/// Sum of the samples of one half, and the slope over the texel.
+type Half = (Lit, Vec2);
 
 /// Direct light of every patch.
 #[must_use]
@@ -89,7 +91,7 @@ pub fn direct(
     settings: &Settings,
     progress: &Progress,
 ) -> Direct {
-    let look = || Look::new(tracer, patches, emitters);
+    let look = || Look::new(tracer, patches, emitters, settings.directional);
     let neighbors = Neighbors::new(patches);
     let hard = hard::hard(&look, &neighbors, progress);
     let mut rays = hard.rays;
@@ -100,7 +102,10 @@ pub fn direct(
         let list: Vec<Allotment> =
             (0..patches.len()).filter(|&i| context.has(kind, i)).map(|i| (i as u32, first)).collect();
         if !list.is_empty() {
-            let mut layer = Layer { kind, estimates: vec![Estimate::default(); patches.len()] };
+            let vectors = if settings.directional { patches.len() } else { 0 };
+            let (estimates, vectors) =
+                (vec![Estimate::default(); patches.len()], vec![LightVector::default(); vectors]);
+            let mut layer = Layer { kind, estimates, vectors };
             rays += context.extend(&mut layer, &list, progress);
             layers.push(layer);
         }
@@ -126,7 +131,11 @@ pub fn direct(
     let sky = layers.iter().find(|l| l.kind == Kind::Infinity);
     let gathered =
         |h: usize| parallel::map(patches.len(), |i| sky.map_or(Rgb::ZERO, |layer| layer.estimates[i].gathered[h]));
-    Direct { halves, gathered: [gathered(0), gathered(1)], slopes, rays }
+    let mut vectors = context.hard.vectors;
+    for layer in &layers {
+        vectors.iter_mut().zip(&layer.vectors).for_each(|(sum, own)| *sum += *own);
+    }
+    Direct { halves, gathered: [gathered(0), gathered(1)], slopes, vectors, rays }
 }
 
 impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
@@ -148,13 +157,20 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
             let before = old[patch];
             let sums = self.sums(&mut look, layer.kind, patch, before.samples..samples);
             let mean = |mean: Rgb, sum: Rgb| (mean * before.samples as f32 + sum) / samples as f32;
-            let halves = [0, 1].map(|h| mean(before.halves[h], sums[h].0[0]));
-            let gathered = [0, 1].map(|h| mean(before.gathered[h], sums[h].0[1]));
-            (Estimate { halves, gathered, slopes: sums.map(|half| half.1), samples }, look.rays)
+            let halves = [0, 1].map(|h| mean(before.halves[h], sums[h].0.all));
+            let gathered = [0, 1].map(|h| mean(before.gathered[h], sums[h].0.gathered));
+            let vector = layer.vectors.get(patch).map(|&mean| {
+                let sum = (sums[0].0.vector + sums[1].0.vector) * 0.5;
+                (mean * before.samples as f32 + sum) * (samples as f32).recip()
+            });
+            (Estimate { halves, gathered, slopes: sums.map(|half| half.1), samples }, vector, look.rays)
         });
         let mut rays = 0;
-        for (&(patch, _), (estimate, own)) in list.iter().zip(more) {
+        for (&(patch, _), (estimate, vector, own)) in list.iter().zip(more) {
             layer.estimates[patch as usize] = estimate;
+            if let Some(vector) = vector {
+                layer.vectors[patch as usize] = vector;
+            }
             rays += own;
         }
         rays
@@ -167,7 +183,7 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
                 let hard = self.emitters.hard.iter().enumerate().filter(|(k, _)| edges >> k & 1 == 1).map(|(_, l)| l);
                 let lights: Vec<_> = hard.chain(&self.emitters.suns).collect();
                 self.sampled(look, kind, patch, range, |look, place, _, u| {
-                    [lights.iter().map(|l| look.light(place, l, u)).fold(Rgb::ZERO, |a, b| a + b), Rgb::ZERO]
+                    lights.iter().map(|l| look.light(place, l, u)).fold(Lit::default(), |a, b| a + b)
                 })
             }
             Kind::Finite => {
@@ -176,9 +192,7 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
                 if cut.is_empty() {
                     return [Half::default(); 2];
                 }
-                self.sampled(look, kind, patch, range, |look, place, pick, u| {
-                    [look.finite(place, &mut cut, pick, u), Rgb::ZERO]
-                })
+                self.sampled(look, kind, patch, range, |look, place, pick, u| look.finite(place, &mut cut, pick, u))
             }
             Kind::Infinity => {
                 let rays = self.settings.gather_rays;
@@ -194,7 +208,7 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
         kind: Kind,
         patch: usize,
         range: core::ops::Range<u32>,
-        mut f: impl FnMut(&mut Look<'a>, &Place, f64, Vec2) -> Seen,
+        mut f: impl FnMut(&mut Look<'a>, &Place, f64, Vec2) -> Lit,
     ) -> [Half; 2] {
         let surface = look.patch_surface(patch);
         [0, 1].map(|half| {
@@ -202,17 +216,17 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
             let key = mix(self.settings.seed ^ mix(key).wrapping_add(patch as u64));
             let sequence = Sequence::new(key);
             let offset = Stream::new(key, Stage::Light, half, 0).next_f64();
-            let (mut sums, mut moments) = ([Rgb::ZERO; 2], Moments::default());
+            let (mut sum, mut moments) = (Lit::default(), Moments::default());
             for k in range.clone() {
                 let [u, v, x, y] = sequence.point(k);
                 let spot = surface.sample(Vec2::new(x, y));
                 let place = look.spot(&surface, &spot);
                 let pick = (offset + f64::from(k) * GOLDEN).fract();
                 let seen = f(look, &place, pick, Vec2::new(u, v));
-                sums = [sums[0] + seen[0], sums[1] + seen[1]];
-                moments.add(seen[0] - seen[1], spot.within, 1.0);
+                sum = sum + seen;
+                moments.add(seen.own(), spot.within, 1.0);
             }
-            (sums, moments.slope())
+            (sum, moments.slope())
         })
     }
 }

@@ -5,11 +5,13 @@
 use super::Emitters;
 use super::emitters::Leaf;
 use super::infinity::Infinity;
+use super::lit::Lit;
 use super::piece::{Piece, Sampled};
 use super::punctual;
 use super::site::Site;
 use super::tree::Cut;
-use crate::base::Rgb;
+use crate::base::light_vector::trusted;
+use crate::base::{LightVector, Rgb};
 use crate::patches::{PatchSurface, Patches, Spot, SurfacePoint};
 use crate::scene::{Light, Scene};
 use crate::trace::{Ground, Ray, Tracer};
@@ -30,12 +32,14 @@ pub(super) struct Look<'a> {
     tracer: &'a Tracer<'a>,
     pub(super) patches: &'a Patches,
     pub(super) emitters: &'a Emitters,
+    /// Light vectors are wanted, too.
+    pub(super) directional: bool,
     pub(super) rays: u64,
 }
 
 impl<'a> Look<'a> {
-    pub(super) fn new(tracer: &'a Tracer<'a>, patches: &'a Patches, emitters: &'a Emitters) -> Self {
-        Self { tracer, patches, emitters, rays: 0 }
+    pub(super) fn new(tracer: &'a Tracer<'a>, patches: &'a Patches, emitters: &'a Emitters, directional: bool) -> Self {
+        Self { tracer, patches, emitters, directional, rays: 0 }
     }
 
     pub(super) fn patch_surface(&self, patch: usize) -> PatchSurface<'a> {
@@ -91,10 +95,21 @@ impl<'a> Look<'a> {
         (cosine > 0.0 && place.geometric.dot(direction) > 0.0).then_some(cosine)
     }
 
-    /// Irradiance by a light [lx].
-    pub(super) fn light(&mut self, place: &Place, light: &Light, u: Vec2) -> Rgb {
-        let Some(seen) = punctual::seen_from(light, place.position, u) else { return Rgb::ZERO };
-        let Some(cosine) = Self::cosine(place, seen.toward.normalize_or_zero()) else { return Rgb::ZERO };
+    /// Irradiance from a unit direction, of which the final gather finds `gathered`, too.
+    fn lit(&self, place: &Place, toward: Vec3, all: Rgb, gathered: Rgb) -> Lit {
+        let vector = if self.directional {
+            LightVector::of(all - gathered, place.normal, toward)
+        } else {
+            LightVector::default()
+        };
+        Lit { all, gathered, vector }
+    }
+
+    /// What a light brings.
+    pub(super) fn light(&mut self, place: &Place, light: &Light, u: Vec2) -> Lit {
+        let Some(seen) = punctual::seen_from(light, place.position, u) else { return Lit::default() };
+        let toward = seen.toward.normalize_or_zero();
+        let Some(cosine) = Self::cosine(place, toward) else { return Lit::default() };
         let origin = self.origin(place, seen.toward);
         let ray = if seen.far {
             Ray { origin, direction: seen.toward, t_max: f32::INFINITY }
@@ -102,53 +117,56 @@ impl<'a> Look<'a> {
             Ray { origin, direction: place.position + seen.toward - origin, t_max: 1.0 }
         };
         self.rays += 1;
-        if self.tracer.occluded(&ray) { Rgb::ZERO } else { seen.illuminance * cosine }
+        if self.tracer.occluded(&ray) {
+            return Lit::default();
+        }
+        self.lit(place, toward, seen.illuminance * cosine, Rgb::ZERO)
     }
 
-    /// Irradiance by everything in the tree, from one choice [lx].
-    pub(super) fn finite(&mut self, place: &Place, cut: &mut Cut, pick: f64, u: Vec2) -> Rgb {
+    /// What everything in the tree brings, from one choice.
+    pub(super) fn finite(&mut self, place: &Place, cut: &mut Cut, pick: f64, u: Vec2) -> Lit {
         let point = Site { position: place.position, normal: place.normal, radius: 0.0, flat: true };
         self.emitters.weigh(cut, &point);
         match self.emitters.pick(cut, &point, pick) {
             Some((Leaf::Piece(piece), probability)) => {
                 let sampled = piece.sample(self.scene(), place.position, probability, u);
-                sampled.map_or(Rgb::ZERO, |s| self.surface(place, piece, &s))
+                sampled.map_or(Lit::default(), |s| self.surface(place, piece, &s))
             }
             Some((Leaf::Bulb(light), probability)) => self.light(place, light, u) / probability,
-            None => Rgb::ZERO,
+            None => Lit::default(),
         }
     }
 
-    fn surface(&mut self, place: &Place, piece: &Piece, s: &Sampled) -> Rgb {
-        let Some(cosine) = Self::cosine(place, s.direction) else { return Rgb::ZERO };
+    fn surface(&mut self, place: &Place, piece: &Piece, s: &Sampled) -> Lit {
+        let Some(cosine) = Self::cosine(place, s.direction) else { return Lit::default() };
         if s.weighted.max_element() <= 0.0 {
-            return Rgb::ZERO;
+            return Lit::default();
         }
         let origin = self.origin(place, s.direction);
         let target = self.tracer.leave(&piece.ground, s.b, -s.direction);
         self.rays += 1;
         if self.tracer.occluded(&Ray { origin, direction: target - origin, t_max: 1.0 }) {
-            return Rgb::ZERO;
+            return Lit::default();
         }
-        s.weighted * cosine
+        self.lit(place, s.direction, s.weighted * cosine, Rgb::ZERO)
     }
 
-    /// Irradiance by sky and environment, from one direction: all of it, and what of it a gather with `rays` rays for
-    /// each of these samples finds, too [lx].
-    pub(super) fn infinity(&mut self, place: &Place, pick: f64, u: Vec2, rays: f32) -> [Rgb; 2] {
+    /// What sky and environment bring from one direction, for a gather with `rays` rays for each of these samples.
+    pub(super) fn infinity(&mut self, place: &Place, pick: f64, u: Vec2, rays: f32) -> Lit {
         let scene = self.scene();
         let (direction, density) = self.emitters.infinity.above(scene, place.normal, pick as f32, u);
         let radiance = scene.light_from_infinity(direction);
-        let Some(cosine) = Self::cosine(place, direction) else { return [Rgb::ZERO; 2] };
+        let Some(cosine) = Self::cosine(place, direction) else { return Lit::default() };
         if density <= 0.0 || radiance.max_element() <= 0.0 {
-            return [Rgb::ZERO; 2];
+            return Lit::default();
         }
         let origin = self.origin(place, direction);
         self.rays += 1;
         if self.tracer.occluded(&Ray { origin, direction, t_max: f32::INFINITY }) {
-            return [Rgb::ZERO; 2];
+            return Lit::default();
         }
         let light = radiance * (cosine / density);
-        [light, light * Infinity::gathered(place.normal, direction, density, rays)]
+        let lit = self.lit(place, direction, light, light * Infinity::gathered(place.normal, direction, density, rays));
+        Lit { vector: lit.vector * trusted(density), ..lit }
     }
 }

@@ -11,6 +11,7 @@ mod direct;
 mod emitters;
 mod hard;
 mod infinity;
+mod lit;
 mod look;
 mod neighbors;
 mod piece;
@@ -33,4 +34,6 @@ pub struct Settings {
     pub gather_rays: f32,
     /// Chooses the random numbers.
     pub seed: u64,
+    /// Find light vectors, too.
+    pub directional: bool,
 }

@@ -10,6 +10,7 @@
 
 pub mod atomic;
 pub mod depfile;
+pub mod directional;
 pub mod exr;
 pub mod formats;
 pub mod gltf;

@@ -4,6 +4,7 @@
 //! that the input already had keeps its spelling; when the output lies in another folder it only gets a prefix.
 
 use super::Error;
+use super::directional::Texture;
 use super::formats::PageFile;
 use std::fmt::Write;
 use std::path::Component;
@@ -22,6 +23,8 @@ pub struct PageFiles {
     pub png: PathBuf,
     /// Its files in all formats, the one that readers shall take first; empty if the EXR is the only one.
     pub files: Vec<PageFile>,
+    /// Its light by normal; usually empty.
+    pub directional: Vec<(Texture, PathBuf)>,
 }
 
 /// The glTF file that `-o` asks for: `output` itself, or the input's name in it if it is a folder (it exists, or ends
@@ -50,6 +53,7 @@ pub fn page_files(document: &Path, pages: u32) -> Vec<PageFiles> {
             exr: beside(document, &format!("lightmap{k}.exr")),
             png: beside(document, &format!("lightmap{k}.png")),
             files: vec![],
+            directional: vec![],
         })
         .collect()
 }

@@ -37,6 +37,8 @@ pub struct Report {
     pub seams: Seams,
     /// The lightmaps of groups of lights, if they were asked for.
     pub light_groups: Vec<LightGroup>,
+    /// Textures of light by normal, if they were asked for.
+    pub directional: Vec<DirectionalTexture>,
     /// The fit of vertex light; `null` for lightmaps.
     pub vertices: Option<Vertices>,
     /// Rays of all stages.
@@ -160,6 +162,15 @@ pub struct LightGroup {
     pub files: Vec<String>,
 }
 
+/// A texture of light by normal.
+#[derive(Debug, Clone, Default, serde::Serialize)]
+pub struct DirectionalTexture {
+    /// `l0`, `l1x`, `l1y`, `l1z`, or `direction`.
+    pub name: String,
+    /// A file per page.
+    pub files: Vec<String>,
+}
+
 /// Light at vertices. Errors are those of light that is linear over the triangles against the texels: root mean square
 /// over the mean.
 #[derive(Debug, Clone, Copy, Default, serde::Serialize)]
@@ -221,6 +232,7 @@ mod tests {
         let report = Report {
             refinement: Refinement { passes: vec![Pass::default()], ..Refinement::default() },
             light_groups: vec![LightGroup { name: String::new(), files: vec![String::new()] }],
+            directional: vec![DirectionalTexture { name: String::new(), files: vec![String::new()] }],
             vertices: Some(Vertices::default()),
             stages: vec![Stage::default()],
             warnings: vec![Warning::new("some-code", "text").at("node 3")],
@@ -230,7 +242,7 @@ mod tests {
         let value: serde_json::Value = serde_json::from_slice(&bytes).unwrap();
         assert_eq!(
             keys(&value),
-            "{atlas{charts,page_size[],pages,texels,utilization},error{estimated_nrmse},gather{rays,rays_per_texel},\
+            "{atlas{charts,page_size[],pages,texels,utilization},directional[{files[],name}],error{estimated_nrmse},gather{rays,rays_per_texel},\
              inputs,light_groups[{files[],name}],outputs,peak_memory_bytes,rays,rays_per_second,\
              refinement{ended_by,passes[{budget,estimated_nrmse,seconds}],target_error,time_limit},scene{instances,lights,materials,triangles},schema,seams{points,step,step_before,worst,worst_at[]},\
              settings{},stages[{name,seconds}],version,vertices{averaged_nrmse,fit_nrmse,sampled_nrmse,triangles,unknowns,vertices},walk{bounces,lines,power_absorbed[],power_escaped[],power_in[],\

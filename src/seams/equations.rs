@@ -207,11 +207,7 @@ impl Equations {
     /// Texels along seams, with what they should hold.
     pub(super) fn solve(&self, lightmap: &Lightmap, progress: &Progress) -> Vec<(u32, Rgb)> {
         let start: Vec<DVec3> = self.texels.iter().map(|&t| light(lightmap, t).as_dvec3().max(DVec3::ZERO)).collect();
-        let load = parallel::map_light(start.len(), |i| {
-            let like = |d: &Demand| d.like.map_or(DVec3::ZERO, |t| start[t as usize]);
-            let asked = |(d, factor): (&Demand, f64)| like(d) * (d.weight * factor);
-            self.around(i).map(asked).fold(start[i] * self.keep[i], |a, b| a + b)
-        });
+        let load = self.load(&start);
         // Solved for what is above the least.
         let least = parallel::map_light(start.len(), |i| start[i] * LEAST);
         let below = nonnegative::Equations::times(self, &least);
@@ -220,6 +216,23 @@ impl Equations {
         let above = nonnegative::solve(self, &load, above, CLOSE, progress);
         let values = least.iter().zip(above).map(|(least, above)| (*least + above).as_vec3());
         self.texels.iter().copied().zip(values).collect()
+    }
+
+    /// The same without a least.
+    pub(super) fn solve_signed(&self, lightmap: &Lightmap, progress: &Progress) -> Vec<(u32, Rgb)> {
+        let start: Vec<DVec3> = self.texels.iter().map(|&t| light(lightmap, t).as_dvec3()).collect();
+        let load = self.load(&start);
+        let values = nonnegative::solve_signed(self, &load, start, CLOSE, progress);
+        self.texels.iter().copied().zip(values.into_iter().map(|v| v.as_vec3())).collect()
+    }
+
+    /// The right-hand side, for what the texels hold.
+    fn load(&self, start: &[DVec3]) -> Vec<DVec3> {
+        parallel::map_light(start.len(), |i| {
+            let like = |d: &Demand| d.like.map_or(DVec3::ZERO, |t| start[t as usize]);
+            let asked = |(d, factor): (&Demand, f64)| like(d) * (d.weight * factor);
+            self.around(i).map(asked).fold(start[i] * self.keep[i], |a, b| a + b)
+        })
     }
 }
 

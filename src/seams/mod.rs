@@ -85,6 +85,14 @@ impl Stitcher {
             equations::set(lightmap, texel, light);
         }
     }
+
+    /// The same for values that may have either sign, as long as they change with the light.
+    pub fn stitch_signed(&self, lightmap: &mut Lightmap, progress: &Progress) {
+        let parts = parallel::map(self.0.len(), |p| self.0[p].solve_signed(lightmap, progress));
+        for (texel, value) in parts.into_iter().flatten() {
+            equations::set(lightmap, texel, value);
+        }
+    }
 }
 
 impl Seams {

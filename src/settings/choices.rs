@@ -130,6 +130,29 @@ pub enum Aov {
     Density,
     /// Part of the texel that is exposed surface.
     Coverage,
+    /// Share of the hemisphere, by cosine, that is open as far as --ao-distance.
+    Ao,
+    /// Mean direction of that share, unit, in the world.
+    Bent,
+}
+
+/// What is baked besides light on the surface as it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Directional {
+    /// Nothing.
+    None,
+    /// Four pages of coefficients: light is L0 + L1x·n.x + L1y·n.y + L1z·n.z for the normal n in the world.
+    Sh,
+    /// A page with the dominant direction and how dominant it is, as Unity reads it.
+    Dominant,
+}
+
+impl Directional {
+    /// It is the default.
+    pub(super) fn is_none(&self) -> bool {
+        *self == Self::None
+    }
 }
 
 impl Target {

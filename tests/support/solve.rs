@@ -62,7 +62,7 @@ impl<'a> Stage<'a> {
     }
 
     pub fn direct_halves(&self, samples: u32, seed: u64) -> light::Direct {
-        let settings = light::Settings { samples, gather_rays: 0.0, seed };
+        let settings = light::Settings { samples, gather_rays: 0.0, seed, directional: false };
         light::direct(&self.tracer, &self.patches, &self.emitters, &settings, &Progress::default())
     }
 

@@ -6,6 +6,7 @@
 //! * a texture per page, whose core image is the PNG preview and whose `extras.lightmap.uri` is the EXR, because a
 //!   texture without a core image, or an EXR among the images, makes loaders refuse the file;
 //! * `extras.lightmap` on the scenes that show baked nodes: a manifest of the pages;
+//! * with light by normal, `directional` beside each of these URIs (see `output::directional`);
 //! * with formats other than the plain EXR, `files` beside each of these URIs (see `formats`); with `--exr-image` the EXR
 //!   among the images, too, behind `EXT_texture_exr` of the texture;
 //! * a mesh per baked node that shares every accessor but its lightmap coordinates (`mesh`);
@@ -33,6 +34,7 @@ pub use vertex::VertexSettings;
 pub use vertex::write_vertex_gltf;
 
 use super::Error;
+use super::directional;
 use super::names::PageFiles;
 use super::names::parent;
 use super::names::relative_uri;
@@ -169,7 +171,7 @@ struct PageUri {
     /// The lightmap.
     uri: String,
     png: String,
-    /// `, "files": […]`, or nothing.
+    /// `, "files": […], "directional": {…}`, or nothing.
     files: String,
     /// The EXR, if it is to be among the images.
     image: Option<String>,
@@ -190,12 +192,17 @@ impl PageUris {
                 name: page.exr.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
                 uri: relative_uri(folder, page.files.first().map_or(&page.exr, |f| &f.path))?,
                 png: relative_uri(folder, &page.png)?,
-                files: if files.is_empty() { String::new() } else { format!(", \"files\": [{}]", files.join(", ")) },
+                files: listed(&files) + &directional::json(&page.directional, folder)?,
                 image,
             })
         };
         Ok(Self { pages: pages.iter().map(page).collect::<Result<_, Error>>()? })
     }
+}
+
+/// The files of a page, if there are others than its EXR.
+fn listed(files: &[String]) -> String {
+    if files.is_empty() { String::new() } else { format!(", \"files\": [{}]", files.join(", ")) }
 }
 
 /// Sampler, images and textures of the pages, and the name of the extension.
