@@ -25,6 +25,11 @@
 //! Source: Reichert, "A Two-Pass Radiosity Method Driven by Lights and Viewer Position" (thesis, Cornell, 1992), for
 //! the final gather over a radiosity solution.
 //!
+//! A shading normal that leans away from its triangle sends some rays below that. On a facet of a convex body they leave
+//! from the smooth surface that it stands for (`trace::Lift`). On others they are mirrored at the triangle and read
+//! surfaces only: the smooth surface would bend up there, and is what they meet. Dropped, they would leave the corners of
+//! facets too dark: a closed, smooth-shaded polyhedron would be no furnace any more.
+//!
 //! Invariants: same bits at any thread count; zero rays, zero light.
 
 use crate::base::low_discrepancy::Sequence;
@@ -41,6 +46,8 @@ const TILE: u32 = 1 << 16;
 const MOST_RAYS: u32 = 1 << 16;
 /// Most rays that the second round gives a texel, as a multiple of the mean.
 const MOST_EXTRA: f32 = 8.0;
+/// Cosine between shading normal and triangle above which rays below the triangle are there by rounding.
+const BENT: f32 = 0.999_999;
 
 /// What rays read, and where.
 pub struct Field<'a> {
@@ -142,7 +149,7 @@ impl Field<'_> {
                         .patches
                         .seen(&hit)
                         .map_or(Rgb::ZERO, |seen| radiance[seen.patch] * self.tilts.of(seen.patch).at(seen.within));
-                } else if let Some(sky) = self.sky {
+                } else if let (Some(sky), Some(normal)) = (self.sky, normal) {
                     let light = sky(normal, ray.direction);
                     out.sums[half] += light;
                     out.sky += light;
@@ -153,13 +160,17 @@ impl Field<'_> {
     }
 }
 
-/// A ray and the shading normal where it starts; `None` for a direction that a bent shading normal sends below the surface.
-fn ray(surface: &PatchSurface<'_>, direction: Vec2, position: Vec2) -> Option<(Ray, Vec3)> {
+/// A ray, and the shading normal where it starts if it may read the sky.
+fn ray(surface: &PatchSurface<'_>, direction: Vec2, position: Vec2) -> Option<(Ray, Option<Vec3>)> {
     let spot = surface.sample(position);
-    let frame = surface.shading_frame(&spot);
+    let (frame, normal) = (surface.shading_frame(&spot), surface.normal(&spot));
     let direction = frame.to_world(warp::square_to_cosine_hemisphere(direction));
-    if direction.dot(surface.normal(&spot)) <= 0.0 {
+    if let Some(origin) = surface.origin_smooth(&spot, direction) {
+        return Some((Ray { origin, direction, t_max: f32::INFINITY }, Some(frame.n)));
+    }
+    if frame.n.dot(normal) > BENT {
         return None;
     }
-    Some((Ray { origin: surface.origin(&spot, direction), direction, t_max: f32::INFINITY }, frame.n))
+    let direction = direction - normal * (2.0 * direction.dot(normal));
+    Some((Ray { origin: surface.origin(&spot, direction), direction, t_max: f32::INFINITY }, None))
 }

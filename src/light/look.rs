@@ -1,6 +1,8 @@
 //! One look at the light from a point of a texel: shadow rays, each worth what it brings over its probability.
 //!
-//! cos θ is taken with the shading normal; what is below the surface itself is dark.
+//! cos θ is taken with the shading normal. What is below the triangle itself is dark, unless the triangle is a facet of
+//! something smooth: then it is looked at over the smooth surface, and what is at a finite distance is seen from there
+//! (`trace::Lift`). Rays that find out whether that is free are not counted.
 
 use super::Emitters;
 use super::emitters::Leaf;
@@ -12,14 +14,16 @@ use super::tree::Cut;
 use crate::base::Rgb;
 use crate::patches::{PatchSurface, Patches, Spot, SurfacePoint};
 use crate::scene::{Light, Scene};
-use crate::trace::{Ground, Ray, Tracer};
+use crate::trace::{Ground, Lift, Ray, Tracer};
 use glam::{Vec2, Vec3};
 
 /// One place on a patch.
 #[derive(Clone, Copy)]
 pub(super) struct Place {
     ground: Ground,
+    lift: Option<Lift>,
     b: Vec2,
+    /// What is at a finite distance is seen from here.
     position: Vec3,
     normal: Vec3,
     geometric: Vec3,
@@ -30,12 +34,14 @@ pub(super) struct Look<'a> {
     tracer: &'a Tracer<'a>,
     pub(super) patches: &'a Patches,
     pub(super) emitters: &'a Emitters,
+    /// Something is at a finite distance.
+    finite: bool,
     pub(super) rays: u64,
 }
 
 impl<'a> Look<'a> {
     pub(super) fn new(tracer: &'a Tracer<'a>, patches: &'a Patches, emitters: &'a Emitters) -> Self {
-        Self { tracer, patches, emitters, rays: 0 }
+        Self { tracer, patches, emitters, finite: emitters.any_finite(), rays: 0 }
     }
 
     pub(super) fn patch_surface(&self, patch: usize) -> PatchSurface<'a> {
@@ -50,28 +56,47 @@ impl<'a> Look<'a> {
         let scene = self.scene();
         let sign = if self.patches.is_back(patch) { -1.0 } else { 1.0 };
         let ground = Ground::new(scene.corners(point.triangle));
-        Place {
+        let geometric = ground.normal() * sign;
+        self.rounded(Place {
             ground,
+            lift: Lift::new(scene, point.triangle, geometric),
             b: point.b,
             position: scene.position(point.triangle, point.b),
             normal: scene.shading_normal_over(point.triangle, point.b, ground.normal()) * sign,
-            geometric: ground.normal() * sign,
-        }
+            geometric,
+        })
     }
 
     /// A place that was drawn on a patch.
     pub(super) fn spot(&self, surface: &PatchSurface<'_>, spot: &Spot) -> Place {
-        Place {
+        self.rounded(Place {
             ground: *surface.ground(spot),
+            lift: surface.lift(spot).copied(),
             b: spot.point.b,
             position: self.scene().position(spot.point.triangle, spot.point.b),
             normal: surface.shading_frame(spot).n,
             geometric: surface.normal(spot),
-        }
+        })
     }
 
-    fn origin(&self, place: &Place, direction: Vec3) -> Vec3 {
-        self.tracer.leave(&place.ground, place.b, direction)
+    /// The place, on the smooth surface if that matters.
+    fn rounded(&self, mut place: Place) -> Place {
+        if let Some(lift) = place.lift.as_ref().filter(|_| self.finite) {
+            let Place { ground, b, position, geometric, .. } = &place;
+            place.position = self.tracer.smooth_position(ground, lift, *b, *geometric, *position);
+        }
+        place
+    }
+
+    /// Cosine to the shading normal and origin of a ray toward a unit direction; `None` if that leads below the surface.
+    fn leave(&self, place: &Place, direction: Vec3) -> Option<(f32, Vec3)> {
+        let cosine = place.normal.dot(direction);
+        if cosine <= 0.0 {
+            return None;
+        }
+        let origin =
+            self.tracer.leave_smooth(&place.ground, place.lift.as_ref(), place.b, direction, place.geometric)?;
+        Some((cosine, origin))
     }
 
     /// The texel as the choice among emitters sees it.
@@ -85,17 +110,10 @@ impl<'a> Look<'a> {
         Site::new(position, normal, self.patches.texel_edge(patch), &points)
     }
 
-    /// A direction is above the surface and its shading.
-    fn cosine(place: &Place, direction: Vec3) -> Option<f32> {
-        let cosine = place.normal.dot(direction);
-        (cosine > 0.0 && place.geometric.dot(direction) > 0.0).then_some(cosine)
-    }
-
     /// Irradiance by a light [lx].
     pub(super) fn light(&mut self, place: &Place, light: &Light, u: Vec2) -> Rgb {
         let Some(seen) = punctual::seen_from(light, place.position, u) else { return Rgb::ZERO };
-        let Some(cosine) = Self::cosine(place, seen.toward.normalize_or_zero()) else { return Rgb::ZERO };
-        let origin = self.origin(place, seen.toward);
+        let Some((cosine, origin)) = self.leave(place, seen.toward.normalize_or_zero()) else { return Rgb::ZERO };
         let ray = if seen.far {
             Ray { origin, direction: seen.toward, t_max: f32::INFINITY }
         } else {
@@ -120,11 +138,10 @@ impl<'a> Look<'a> {
     }
 
     fn surface(&mut self, place: &Place, piece: &Piece, s: &Sampled) -> Rgb {
-        let Some(cosine) = Self::cosine(place, s.direction) else { return Rgb::ZERO };
         if s.weighted.max_element() <= 0.0 {
             return Rgb::ZERO;
         }
-        let origin = self.origin(place, s.direction);
+        let Some((cosine, origin)) = self.leave(place, s.direction) else { return Rgb::ZERO };
         let target = self.tracer.leave(&piece.ground, s.b, -s.direction);
         self.rays += 1;
         if self.tracer.occluded(&Ray { origin, direction: target - origin, t_max: 1.0 }) {
@@ -139,11 +156,10 @@ impl<'a> Look<'a> {
         let scene = self.scene();
         let (direction, density) = self.emitters.infinity.above(scene, place.normal, pick as f32, u);
         let radiance = scene.light_from_infinity(direction);
-        let Some(cosine) = Self::cosine(place, direction) else { return [Rgb::ZERO; 2] };
         if density <= 0.0 || radiance.max_element() <= 0.0 {
             return [Rgb::ZERO; 2];
         }
-        let origin = self.origin(place, direction);
+        let Some((cosine, origin)) = self.leave(place, direction) else { return [Rgb::ZERO; 2] };
         self.rays += 1;
         if self.tracer.occluded(&Ray { origin, direction, t_max: f32::INFINITY }) {
             return [Rgb::ZERO; 2];
