@@ -311,9 +311,8 @@ fn the_inside_of_a_two_sided_sphere_has_light_of_its_own() {
     turned.lights.push(sun(toward, 0.0));
     let stage = Stage::new(&turned, 8.0);
     let light = stage.direct(16);
-    for i in stage.patches.front..stage.patches.len() {
-        let p = stage.patches.position[i];
-        assert!((light[i].x - p.normalize().dot(toward).max(0.0)).abs() < 0.02, "{} at {p}", light[i].x);
+    for (p, light) in stage.patches.position.iter().zip(light).skip(stage.patches.front) {
+        assert!((light.x - p.normalize().dot(toward).max(0.0)).abs() < 0.02, "{} at {p}", light.x);
     }
 }
 
