@@ -71,6 +71,7 @@
 //!   lights.
 //! * O. Karlík, M. Šik, P. Vévoda, T. Skřivan, J. Křivánek: "MIS Compensation". SIGGRAPH Asia 2019. Environment maps.
 //! * J. Arvo: "Stratified Sampling of Spherical Triangles". SIGGRAPH 1995. Emissive surfaces.
+//! * J. Hanika: "Hacking the Shadow Terminator". Ray Tracing Gems II, 2021. Smooth bodies made of facets.
 //! * F. Rousselle, M. Manzi, M. Zwicker: "Robust Denoising using Feature and Color Information". CGF 32(7), 2013. Two
 //!   buffers that judge each other: how far light is shared.
 //! * A. Ahmed, P. Wonka: "Screen-space Blue-noise Diffusion of Monte Carlo Sampling Error via Hierarchical Ordering of

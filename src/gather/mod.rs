@@ -27,6 +27,11 @@
 //!
 //! Light vectors, where they are wanted, come from the same rays (`bent`); nothing else changes by them.
 //!
+//! A shading normal that leans away from its triangle sends some rays below that. On a facet of a convex body they leave
+//! from the smooth surface that it stands for (`trace::Lift`). On others they are mirrored at the triangle and read
+//! surfaces only: the smooth surface would bend up there, and is what they meet. Dropped, they would leave the corners of
+//! facets too dark: a closed, smooth-shaded polyhedron would be no furnace any more.
+//!
 //! Invariants: same bits at any thread count; zero rays, zero light.
 
 mod bent;
@@ -49,6 +54,8 @@ const TILE: u32 = 1 << 16;
 const MOST_RAYS: u32 = 1 << 16;
 /// Most rays that the second round gives a texel, as a multiple of the mean.
 const MOST_EXTRA: f32 = 8.0;
+/// Cosine between shading normal and triangle above which rays below the triangle are there by rounding.
+const BENT: f32 = 0.999_999;
 
 /// What rays read, and where.
 pub struct Field<'a> {
@@ -172,7 +179,7 @@ impl Field<'_> {
                 let light = self.look(&aim, radiance, &mut out.sky);
                 out.sums[half] += light;
                 if let Some(bent) = &mut bent {
-                    bent.add(half, aim.normal, aim.direction, light);
+                    bent.add(half, aim.normal, aim.drawn, light);
                 }
             }
         }
@@ -182,12 +189,12 @@ impl Field<'_> {
     /// Radiance from where a ray goes; what comes from the sky is added to `sky` as well.
     fn look(&self, aim: &Aim, radiance: &[Rgb], sky: &mut Rgb) -> Rgb {
         let Some(origin) = aim.origin else { return Rgb::ZERO };
-        let Aim { direction, normal, .. } = *aim;
+        let Aim { direction, normal, open, .. } = *aim;
         if let Some(hit) = self.tracer.closest_hit(&Ray { origin, direction, t_max: f32::INFINITY }) {
             let seen = self.patches.seen(&hit);
             return seen.map_or(Rgb::ZERO, |seen| radiance[seen.patch] * self.tilts.of(seen.patch).at(seen.within));
         }
-        let light = self.sky.map_or(Rgb::ZERO, |sky| sky(normal, direction));
+        let light = self.sky.filter(|_| open).map_or(Rgb::ZERO, |sky| sky(normal, direction));
         *sky += light;
         light
     }
@@ -197,18 +204,26 @@ impl Field<'_> {
 struct Aim {
     /// `None` for a direction that a bent shading normal sends below the surface.
     origin: Option<Vec3>,
-    /// Unit length, cosine-distributed around the normal.
+    /// Unit length.
     direction: Vec3,
+    /// As it was drawn, cosine-distributed around the normal; `direction` may be its mirror image.
+    drawn: Vec3,
     /// Shading normal where it starts.
     normal: Vec3,
+    /// It may read the sky.
+    open: bool,
 }
 
 impl Aim {
     fn new(surface: &PatchSurface<'_>, direction: Vec2, position: Vec2) -> Self {
         let spot = surface.sample(position);
-        let frame = surface.shading_frame(&spot);
-        let direction = frame.to_world(warp::square_to_cosine_hemisphere(direction));
-        let above = direction.dot(surface.normal(&spot)) > 0.0;
-        Self { origin: above.then(|| surface.origin(&spot, direction)), direction, normal: frame.n }
+        let (frame, normal) = (surface.shading_frame(&spot), surface.normal(&spot));
+        let drawn = frame.to_world(warp::square_to_cosine_hemisphere(direction));
+        if let Some(origin) = surface.origin_smooth(&spot, drawn) {
+            return Self { origin: Some(origin), direction: drawn, drawn, normal: frame.n, open: true };
+        }
+        let direction = drawn - normal * (2.0 * drawn.dot(normal));
+        let origin = (frame.n.dot(normal) <= BENT).then(|| surface.origin(&spot, direction));
+        Self { origin, direction, drawn, normal: frame.n, open: false }
     }
 }

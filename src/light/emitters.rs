@@ -137,6 +137,11 @@ impl Emitters {
         !self.infinity.is_black()
     }
 
+    /// Something shines from a finite distance.
+    pub(super) fn any_finite(&self) -> bool {
+        self.has_finite() || self.hard.iter().any(|l| !matches!(l, Light::Sun { .. }))
+    }
+
     /// There is something to choose from.
     pub(super) fn has_finite(&self) -> bool {
         !self.tree.is_empty()

@@ -1,6 +1,8 @@
 //! One look at the light from a point of a texel: shadow rays, each worth what it brings over its probability.
 //!
-//! cos θ is taken with the shading normal; what is below the surface itself is dark.
+//! cos θ is taken with the shading normal. What is below the triangle itself is dark, unless the triangle is a facet of
+//! something smooth: then it is looked at over the smooth surface, and what is at a finite distance is seen from there
+//! (`trace::Lift`). Rays that find out whether that is free are not counted.
 
 use super::Emitters;
 use super::emitters::Leaf;
@@ -14,14 +16,16 @@ use crate::base::light_vector::trusted;
 use crate::base::{LightVector, Rgb};
 use crate::patches::{PatchSurface, Patches, Spot, SurfacePoint};
 use crate::scene::{Light, Scene};
-use crate::trace::{Ground, Ray, Tracer};
+use crate::trace::{Ground, Lift, Ray, Tracer};
 use glam::{Vec2, Vec3};
 
 /// One place on a patch.
 #[derive(Clone, Copy)]
 pub(super) struct Place {
     ground: Ground,
+    lift: Option<Lift>,
     b: Vec2,
+    /// What is at a finite distance is seen from here.
     position: Vec3,
     normal: Vec3,
     geometric: Vec3,
@@ -34,12 +38,14 @@ pub(super) struct Look<'a> {
     pub(super) emitters: &'a Emitters,
     /// Light vectors are wanted, too.
     pub(super) directional: bool,
+    /// Something is at a finite distance.
+    finite: bool,
     pub(super) rays: u64,
 }
 
 impl<'a> Look<'a> {
     pub(super) fn new(tracer: &'a Tracer<'a>, patches: &'a Patches, emitters: &'a Emitters, directional: bool) -> Self {
-        Self { tracer, patches, emitters, directional, rays: 0 }
+        Self { tracer, patches, emitters, directional, finite: emitters.any_finite(), rays: 0 }
     }
 
     pub(super) fn patch_surface(&self, patch: usize) -> PatchSurface<'a> {
@@ -54,28 +60,47 @@ impl<'a> Look<'a> {
         let scene = self.scene();
         let sign = if self.patches.is_back(patch) { -1.0 } else { 1.0 };
         let ground = Ground::new(scene.corners(point.triangle));
-        Place {
+        let geometric = ground.normal() * sign;
+        self.rounded(Place {
             ground,
+            lift: Lift::new(scene, point.triangle, geometric),
             b: point.b,
             position: scene.position(point.triangle, point.b),
             normal: scene.shading_normal_over(point.triangle, point.b, ground.normal()) * sign,
-            geometric: ground.normal() * sign,
-        }
+            geometric,
+        })
     }
 
     /// A place that was drawn on a patch.
     pub(super) fn spot(&self, surface: &PatchSurface<'_>, spot: &Spot) -> Place {
-        Place {
+        self.rounded(Place {
             ground: *surface.ground(spot),
+            lift: surface.lift(spot).copied(),
             b: spot.point.b,
             position: self.scene().position(spot.point.triangle, spot.point.b),
             normal: surface.shading_frame(spot).n,
             geometric: surface.normal(spot),
-        }
+        })
     }
 
-    fn origin(&self, place: &Place, direction: Vec3) -> Vec3 {
-        self.tracer.leave(&place.ground, place.b, direction)
+    /// The place, on the smooth surface if that matters.
+    fn rounded(&self, mut place: Place) -> Place {
+        if let Some(lift) = place.lift.as_ref().filter(|_| self.finite) {
+            let Place { ground, b, position, geometric, .. } = &place;
+            place.position = self.tracer.smooth_position(ground, lift, *b, *geometric, *position);
+        }
+        place
+    }
+
+    /// Cosine to the shading normal and origin of a ray toward a unit direction; `None` if that leads below the surface.
+    fn leave(&self, place: &Place, direction: Vec3) -> Option<(f32, Vec3)> {
+        let cosine = place.normal.dot(direction);
+        if cosine <= 0.0 {
+            return None;
+        }
+        let origin =
+            self.tracer.leave_smooth(&place.ground, place.lift.as_ref(), place.b, direction, place.geometric)?;
+        Some((cosine, origin))
     }
 
     /// The texel as the choice among emitters sees it.
@@ -87,12 +112,6 @@ impl<'a> Look<'a> {
         });
         let (position, normal) = (self.patches.position[patch], self.patches.normal[patch]);
         Site::new(position, normal, self.patches.texel_edge(patch), &points)
-    }
-
-    /// A direction is above the surface and its shading.
-    fn cosine(place: &Place, direction: Vec3) -> Option<f32> {
-        let cosine = place.normal.dot(direction);
-        (cosine > 0.0 && place.geometric.dot(direction) > 0.0).then_some(cosine)
     }
 
     /// Irradiance from a unit direction, of which the final gather finds `gathered`, too.
@@ -109,8 +128,7 @@ impl<'a> Look<'a> {
     pub(super) fn light(&mut self, place: &Place, light: &Light, u: Vec2) -> Lit {
         let Some(seen) = punctual::seen_from(light, place.position, u) else { return Lit::default() };
         let toward = seen.toward.normalize_or_zero();
-        let Some(cosine) = Self::cosine(place, toward) else { return Lit::default() };
-        let origin = self.origin(place, seen.toward);
+        let Some((cosine, origin)) = self.leave(place, toward) else { return Lit::default() };
         let ray = if seen.far {
             Ray { origin, direction: seen.toward, t_max: f32::INFINITY }
         } else {
@@ -138,11 +156,10 @@ impl<'a> Look<'a> {
     }
 
     fn surface(&mut self, place: &Place, piece: &Piece, s: &Sampled) -> Lit {
-        let Some(cosine) = Self::cosine(place, s.direction) else { return Lit::default() };
         if s.weighted.max_element() <= 0.0 {
             return Lit::default();
         }
-        let origin = self.origin(place, s.direction);
+        let Some((cosine, origin)) = self.leave(place, s.direction) else { return Lit::default() };
         let target = self.tracer.leave(&piece.ground, s.b, -s.direction);
         self.rays += 1;
         if self.tracer.occluded(&Ray { origin, direction: target - origin, t_max: 1.0 }) {
@@ -156,11 +173,10 @@ impl<'a> Look<'a> {
         let scene = self.scene();
         let (direction, density) = self.emitters.infinity.above(scene, place.normal, pick as f32, u);
         let radiance = scene.light_from_infinity(direction);
-        let Some(cosine) = Self::cosine(place, direction) else { return Lit::default() };
         if density <= 0.0 || radiance.max_element() <= 0.0 {
             return Lit::default();
         }
-        let origin = self.origin(place, direction);
+        let Some((cosine, origin)) = self.leave(place, direction) else { return Lit::default() };
         self.rays += 1;
         if self.tracer.occluded(&Ray { origin, direction, t_max: f32::INFINITY }) {
             return Lit::default();

@@ -19,7 +19,7 @@ use super::{Patches, SurfacePoint, Tilt};
 use crate::atlas::raster::Polygon;
 use crate::base::Frame;
 use crate::base::random::{mix, unit_f32};
-use crate::trace::{Ground, Tracer};
+use crate::trace::{Ground, Lift, Tracer};
 use glam::{DVec2, Vec2, Vec3};
 
 /// Draws before a point where light is tilted is given up on: at least three in sixteen are taken.
@@ -57,6 +57,8 @@ struct Fragment {
     polygon: Option<Polygon>,
     map: Map,
     ground: Ground,
+    /// What it stands for where it is a facet of something smooth.
+    lift: Option<Lift>,
     /// Geometric normal on the patch's side.
     normal: Vec3,
     /// Around that normal; `None` where the surface is shaded smoothly.
@@ -117,6 +119,7 @@ impl<'a> PatchSurface<'a> {
                 polygon: (covered <= 0.999_999).then(|| patches.polygon(front, f)),
                 map: patches.map(triangle, front),
                 ground,
+                lift: Lift::new(scene, triangle, normal),
                 normal,
                 frame: scene.part(triangle).flat.then(|| Frame::from_normal(normal)),
             }
@@ -222,6 +225,20 @@ impl<'a> PatchSurface<'a> {
     #[must_use]
     pub fn ground(&self, spot: &Spot) -> &Ground {
         &self.fragments[spot.fragment].ground
+    }
+
+    /// What the triangle below a point stands for, if it is a facet of something smooth.
+    #[must_use]
+    pub fn lift(&self, spot: &Spot) -> Option<&Lift> {
+        self.fragments[spot.fragment].lift.as_ref()
+    }
+
+    /// Origin for a ray from a point toward a unit direction above the shading normal; see [`Tracer::leave_smooth`].
+    #[must_use]
+    #[inline]
+    pub fn origin_smooth(&self, spot: &Spot, direction: Vec3) -> Option<Vec3> {
+        let Fragment { ground, lift, normal, .. } = &self.fragments[spot.fragment];
+        self.tracer.leave_smooth(ground, lift.as_ref(), spot.point.b, direction, *normal)
     }
 
     /// Origin for a ray from a point toward a direction; see [`Tracer::origin_on`].

@@ -1,8 +1,9 @@
 //! [`Scene`] → [`Tracer`]: what a ray meets first, and whether two points see each other.
 //!
 //! `build` makes a hierarchy of eight boxes per node (cut by `split`), `traverse` walks it with a `stack`, `triangle`
-//! decides watertightly what is met, `origin` finds starts of rays that never meet the surface they leave. `lanes` are
-//! the eight-fold numbers of all that, `machine` has their AVX2 kind, chosen once per [`Tracer`].
+//! decides watertightly what is met, `origin` finds starts of rays that never meet the surface they leave, `lift` those
+//! of rays that graze a smooth body made of facets. `lanes` are the eight-fold numbers of all that, `machine` has their
+//! AVX2 kind, chosen once per [`Tracer`].
 //!
 //! Invariants:
 //! * [`Tracer::closest_hit`] and [`Tracer::occluded`] accept exactly the same hits, so one is the other's existence;
@@ -17,6 +18,7 @@
 mod build;
 mod collapse;
 mod lanes;
+mod lift;
 mod machine;
 mod origin;
 mod split;
@@ -25,6 +27,7 @@ mod traverse;
 mod triangle;
 mod within;
 
+pub use lift::Lift;
 pub use origin::Ground;
 
 use crate::scene::Scene;
