@@ -11,8 +11,9 @@ every bound is that of the format's own rounding, as a part of a texel's largest
   hdr, rgbe  1/255            rgbm  1/127, of at least scale/1000
   png        scale/131,070    rgbd  1/150, of at least scale
 
-A mip level is compared with the mean of the EXR over covered texels, computed here anew; error in stops (log2), of what is
-above 2^-16 of the page's largest value; as a PSNR whose peak is these 16 stops.
+A mip level is compared with the mean of the EXR, computed here anew: of all texels in the levels that the manifest says
+are clean (mipLevels), of covered ones in further levels. Error in stops (log2), of what is above 2^-16 of the page's
+largest value; as a PSNR whose peak is these 16 stops.
 """
 
 import argparse
@@ -178,7 +179,7 @@ def taken_apart(path):
     return json.loads(done.stdout)[0]
 
 
-def check_ktx2(path, exr, cover):
+def check_ktx2(path, exr, cover, clean):
     taken = taken_apart(path)
     faults = container_faults(taken, path)
     if taken["size"] != [exr.shape[1], exr.shape[0], 0]:
@@ -186,6 +187,7 @@ def check_ktx2(path, exr, cover):
     if faults:
         raise ValueError("; ".join(faults))
     most, light, found_all = exr.max(), exr, []
+    means, plain = exr, numpy.ones_like(cover)
     # Level 0 is judged with its dilated texels, further ones where something is covered.
     where = exr.max(axis=2) > 0
     for k, level in enumerate(taken["levels"]):
@@ -200,23 +202,26 @@ def check_ktx2(path, exr, cover):
         if k == 0 and most > 0:
             nrmse = numpy.sqrt(((found - light)[where] ** 2).mean() / (light[where] ** 2).mean())
         found_all.append(decibels)
-        light, cover = halved(light, cover)
+        means, cover = halved(means, cover)
         where = cover > 1e-6
+        light = halved(light, plain)[0] if k < clean else means
+        plain = numpy.ones_like(cover)
     if most == 0:
         return "black"
     return f"NRMSE {nrmse:.3%}, PSNR by level {' '.join(f'{d:.0f}' for d in found_all)} dB"
 
 
 def manifest(path):
-    """Pages of a document, and the folder that their URIs start from."""
+    """Pages of a document, the folder that their URIs start from, and the number of clean mip levels."""
     document = json.loads(Path(path).read_text(encoding="utf-8")) if path.endswith(".json") else gltf_file.GltfFile(path).json
     for scene in document["scenes"]:
         if "lightmap" in scene.get("extras", {}):
-            return scene["extras"]["lightmap"]["pages"], Path(path).parent
+            lightmap = scene["extras"]["lightmap"]
+            return lightmap["pages"], Path(path).parent, lightmap.get("mipLevels", 0)
     raise ValueError("no scene has extras.lightmap")
 
 
-def check_page(page, folder):
+def check_page(page, folder, clean):
     """Faults of one page; prints its table."""
     files = page.get("files", [])
     names = [file["format"] for file in files]
@@ -235,7 +240,7 @@ def check_page(page, folder):
             if name == "exr":
                 words = "the reference"
             elif name == "ktx2":
-                words = check_ktx2(path, exr, cover)
+                words = check_ktx2(path, exr, cover, clean)
             else:
                 words = check_plain(path, name, file.get("scale", 1.0), exr)
             print(f"ok     {name:<5} {path.stat().st_size:>9} bytes  {words}  {path}")
@@ -252,9 +257,9 @@ def main():
     faults = []
     for path in arguments.files:
         try:
-            pages, folder = manifest(path)
+            pages, folder, clean = manifest(path)
             for page in pages:
-                faults += check_page(page, folder)
+                faults += check_page(page, folder, clean)
         except (ValueError, OSError, KeyError) as error:
             faults.append(f"{path}: {error}")
     if faults:
