@@ -17,8 +17,7 @@ use super::shape::Footprint;
 const EXPECTED_FILL: f64 = 0.94;
 
 /// Page widths that are tried for one page, relative to the first guess, most promising first.
-const WIDTHS: [f64; 16] =
-    [1.0, 1.06, 0.94, 1.15, 1.3, 0.97, 1.03, 1.1, 1.22, 0.88, 1.4, 1.09, 1.18, 1.26, 1.5, 0.82];
+const WIDTHS: [f64; 16] = [1.0, 1.06, 0.94, 1.15, 1.3, 0.97, 1.03, 1.1, 1.22, 0.88, 1.4, 1.09, 1.18, 1.26, 1.5, 0.82];
 
 /// Work of all trials, in charts times words of 64 cells on a page: a second, about.
 const BUDGET: f64 = 1.5e8;

@@ -63,8 +63,8 @@ fn offsets(length: i32, level: u32, reach: i32) -> Vec<i32> {
 
 fn claim_at(footprint: &Footprint, level: u32, reach: i32, [ox, oy]: [i32; 2]) -> Claim {
     let first = [ox, oy].map(|o| cells::within(o, level, reach)[0]);
-    let last = [(ox, footprint.width), (oy, footprint.height)]
-        .map(|(o, n)| cells::within(o + n as i32 - 1, level, reach)[1]);
+    let last =
+        [(ox, footprint.width), (oy, footprint.height)].map(|(o, n)| cells::within(o + n as i32 - 1, level, reach)[1]);
     let [width, height] = [0, 1].map(|a: usize| (last[a] - first[a] + 1) as u32);
     let mut map = BitMap::new(width, height);
     for y in 0..footprint.height {

@@ -127,7 +127,8 @@ mod tests {
             assert_eq!(pixel[..3], [(2 * x + 2 * y) as f32 + 1.0, (2 * x) as f32 + 0.5, (2 * y) as f32 + 0.5]);
         }
         assert!((levels[2].pixels[5][1] - 5.5).abs() < 1e-6);
-        let covered = |p: &Page| p.pixels.iter().map(|p| f64::from(p[3])).fold(0.0, |a, b| a + b) / p.pixels.len() as f64;
+        let covered =
+            |p: &Page| p.pixels.iter().map(|p| f64::from(p[3])).fold(0.0, |a, b| a + b) / p.pixels.len() as f64;
         assert!(levels.iter().all(|level| (covered(level) - 6.0 / 16.0).abs() < 1e-6));
     }
 }

@@ -215,13 +215,7 @@ impl Plan {
 ///
 /// # Errors
 /// If a value is not a number, or the picture cannot be encoded.
-pub fn encode(
-    path: &Path,
-    page: &Page,
-    coding: Coding,
-    mips: u32,
-    attributes: &Attributes,
-) -> Result<Vec<u8>, Error> {
+pub fn encode(path: &Path, page: &Page, coding: Coding, mips: u32, attributes: &Attributes) -> Result<Vec<u8>, Error> {
     check(path, page)?;
     match coding.format {
         Format::Exr => exr::lightmap(path, page, attributes),
