@@ -187,6 +187,7 @@ fn atlas_settings(settings: &Settings, cancel: Arc<std::sync::atomic::AtomicBool
         page_size: settings.page_size,
         max_pages: settings.max_pages,
         padding: settings.padding,
+        mips: settings.mips,
         uv: settings.atlas_uv(),
         time_limit: None,
         cancel: Some(cancel),
@@ -222,6 +223,7 @@ fn results(
     let stitched = |mut lightmap: Lightmap| {
         if let Some(stitcher) = &stitcher {
             stitcher.stitch(&mut lightmap, progress);
+            finish::refill(setup.patches, &mut lightmap, settings.mips, settings.padding);
         }
         lightmap
     };
@@ -265,8 +267,6 @@ fn stored(quantity: Quantity) -> f32 {
 /// Values of the front patches, times `factor`, on pages with filled borders.
 fn on_pages(setup: &solve::Setup<'_>, pages: u32, values: &[Rgb], factor: f32) -> Lightmap {
     let mut lightmap = finish::assemble(setup.patches, pages, values, factor);
-    for page in &mut lightmap.pages {
-        finish::dilate(page, setup.settings.padding.max(1));
-    }
+    finish::fill(setup.patches, &mut lightmap, setup.settings.mips, setup.settings.padding);
     lightmap
 }

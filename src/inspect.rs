@@ -90,6 +90,7 @@ pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
             page_size: settings.page_size,
             max_pages: settings.max_pages,
             padding: settings.padding,
+            mips: settings.mips,
             uv: settings.atlas_uv(),
             ..atlas::Settings::default()
         },

@@ -14,7 +14,7 @@
 //! after it nothing is optional. [`trace`] answers what a ray meets. [`atlas`] gives every surface a place on a
 //! lightmap page. [`patches`] makes every texel that a triangle touches a patch, and links neighbours that see each
 //! other. [`light`] finds direct light, [`walk`] all bounces, [`mod@gather`] the last bounce once more per texel.
-//! [`finish`] shares noisy light between neighbours, fills pages and dilates them; [`seams`] makes the two sides of
+//! [`finish`] shares noisy light between neighbours, and fills pages beyond their charts; [`seams`] makes the two sides of
 //! borders between charts agree. [`vertices`] fits light at the
 //! vertices to the pages, where that is what is wanted. [`output`] turns results into bytes
 //! and puts them on the disk together; [`html`] is a page about the bake for people. [`mod@inspect`], [`mod@compare`],

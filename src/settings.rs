@@ -10,6 +10,7 @@ mod formats;
 
 pub use choices::{Aov, DirectMode, Directional, Preset, Quantity, SplatMode, Target, UvMode, VertexAttribute};
 
+use crate::atlas::MOST_MIPS;
 use crate::atlas::Uv;
 use crate::base::Rgb;
 use crate::output::formats::Format;
@@ -37,6 +38,10 @@ pub struct Options {
     /// Empty texels between charts, filled by dilation
     #[arg(long, value_name = "PX", help_heading = "Lightmap")]
     pub padding: Option<u32>,
+    /// Mip levels in which charts do not mix, by squares of 2^N texels that belong to one chart alone; 2 and more do the
+    /// same for 4 × 4 blocks, and --format ktx2 asks for 2
+    #[arg(long, value_name = "N", help_heading = "Lightmap")]
+    pub mips: Option<u32>,
     /// Which lightmap UVs to use
     #[arg(long, value_enum, value_name = "MODE", help_heading = "Lightmap")]
     pub uv: Option<UvMode>,
@@ -198,6 +203,8 @@ pub struct Settings {
     pub max_pages: Option<u32>,
     /// Empty texels between charts.
     pub padding: u32,
+    /// Mip levels in which charts do not mix.
+    pub mips: u32,
     /// Which UVs.
     pub uv: UvMode,
     /// What a texel holds.
@@ -323,6 +330,7 @@ impl Options {
             page_size,
             max_pages,
             padding,
+            mips,
             uv,
             quantity,
             format,
@@ -375,6 +383,7 @@ impl Options {
             page_size: within("--page-size", self.page_size.unwrap_or(2048), 16, 16_384)?,
             max_pages: self.max_pages.map(|n| within("--max-pages", n, 1, 4096)).transpose()?,
             padding: within("--padding", self.padding.unwrap_or(2), 0, 64)?,
+            mips: within("--mips", self.mips.unwrap_or(0), 0, MOST_MIPS)?.max(self.least_mips()),
             uv: self.uv.unwrap_or(UvMode::Auto),
             quantity: self.quantity.unwrap_or(Quantity::Radiosity),
             format: self.formats()?,

@@ -143,6 +143,7 @@ fn check(scene: &Scene, settings: &Settings, atlas: &Atlas) {
         }
     }
     check_spacing(settings, atlas, &owners);
+    check_mips(settings, atlas, &owners);
     // Texels touched by less than a grid step, as by needles, count as covered, but not for the clipper.
     let (covered, found) = (atlas.covered_texels as usize, owners.texels.iter().filter(|c| **c != NO_CHART).count());
     assert!(covered >= found && covered <= found + found / 30 + 8 + 20 * needles, "{covered} {found}");
@@ -161,6 +162,31 @@ fn check_spacing(settings: &Settings, atlas: &Atlas, owners: &Owners) {
                 let other = owners.get(page, x + dx, y + dy);
                 let apart = other == NO_CHART || other == chart || (kept(other) && kept(chart));
                 assert!(apart, "charts nearer than {pad} texels at {x} {y}");
+            }
+        }
+    }
+}
+
+/// No two charts are read by look-ups in one texel of a mip level that was asked for.
+fn check_mips(settings: &Settings, atlas: &Atlas, owners: &Owners) {
+    let sides = atlas.page_size.iter().all(|side| side % (1 << settings.mips) == 0);
+    assert!(sides && atlas.mips <= settings.mips, "{:?}", atlas.page_size);
+    for (page, level) in (0..atlas.pages as usize).flat_map(|page| (1..=atlas.mips).map(move |level| (page, level))) {
+        let size = [0, 1].map(|axis| owners.size[axis] >> level);
+        let mut reader = vec![NO_CHART; size[0] * size[1]];
+        for (y, x) in (0..owners.size[1] as i64).flat_map(|y| (0..owners.size[0] as i64).map(move |x| (y, x))) {
+            let chart = owners.get(page, x, y);
+            if chart == NO_CHART {
+                continue;
+            }
+            // Places at the four corners of the texel, inside it.
+            for (dx, dy) in [(0.01, 0.01), (0.99, 0.01), (0.01, 0.99), (0.99, 0.99)] {
+                let at = (DVec2::new(x as f64 + dx, y as f64 + dy) / f64::from(1 << level) - 0.5).floor();
+                for (cx, cy) in [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| (at.x as usize + i, at.y as usize + j)) {
+                    let cell = &mut reader[cy * size[0] + cx];
+                    assert!(*cell == NO_CHART || *cell == chart, "level {level} mixes charts at {x} {y}");
+                    *cell = chart;
+                }
             }
         }
     }
@@ -284,6 +310,43 @@ fn an_interior_fills_its_pages() {
     println!("{} pages of {:?}, {:.3} used", several.pages, several.page_size, several.utilization());
     assert!(several.pages > 5);
     assert_eq!(several.page_size[0], 256);
+}
+
+#[test]
+fn mip_levels_read_one_chart_each() {
+    for (mips, padding) in [(1, 2), (2, 0), (2, 9), (3, 2), (5, 4)] {
+        let wanted = |texels_per_meter| Settings { mips, padding, ..settings(texels_per_meter) };
+        for mesh in [one_box(), sphere(24, 12), rough(terrain(20), 0.05)] {
+            assert_eq!(build(&scene(&[mesh]), &wanted(7.3)).output.mips, mips);
+        }
+        let several = build(&scene(&interior()), &Settings { page_size: 256, ..wanted(16.0) }).output;
+        assert!(several.pages > 1 && several.mips == mips);
+    }
+}
+
+#[test]
+fn charts_stay_as_they_are_when_another_mesh_changes() {
+    // Relative to the first corner of each chart, bit by bit.
+    let shapes = |atlas: &Atlas, part: usize| -> Vec<Vec<Vec2>> {
+        let charted = &atlas.parts[part];
+        let mut charts: std::collections::BTreeMap<u32, Vec<Vec2>> = std::collections::BTreeMap::new();
+        for (vertices, chart) in charted.triangles.iter().zip(&charted.chart) {
+            charts.entry(*chart).or_default().extend(vertices.map(|v| charted.uv[v as usize]));
+        }
+        charts.into_values().map(|uv| uv.iter().map(|p| *p - uv[0]).collect()).collect()
+    };
+    for mips in [0, 2] {
+        let wanted = Settings { mips, ..settings(12.0) };
+        let built = |meshes: &[Mesh]| build(&scene(meshes), &wanted).output;
+        let before = built(&[torus(24, 12), one_box(), sphere(24, 12)]);
+        let changed = built(&[torus(24, 12), rough(terrain(20), 0.05), sphere(24, 12)]);
+        let added = built(&[torus(24, 12), one_box(), sphere(24, 12), cylinder(16)]);
+        for other in [&changed, &added] {
+            assert!([0, 2].iter().all(|part| shapes(&before, *part) == shapes(other, *part)), "mips {mips}");
+        }
+        let places = |atlas: &Atlas| atlas.parts[2].uv.clone();
+        assert!(places(&before) != places(&changed), "charts moved, so there was something to see");
+    }
 }
 
 #[test]

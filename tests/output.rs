@@ -202,7 +202,7 @@ fn textures_manifest_and_generator() {
     );
     assert_eq!(
         j["scenes"][0]["extras"],
-        json!({"mine": [1.0, 2.5], "lightmap": {"version": 1, "quantity": "radiosity", "texCoord": 1, "pages": [
+        json!({"mine": [1.0, 2.5], "lightmap": {"version": 1, "quantity": "radiosity", "texCoord": 1, "mipLevels": 0, "pages": [
             {"uri": "out.lightmap0.exr", "texture": 1, "width": 64, "height": 32},
             {"uri": "out.lightmap1.exr", "texture": 2, "width": 64, "height": 32}]}})
     );

@@ -189,3 +189,22 @@ fn the_study_of_error_against_time_runs_and_its_judges_find_us_right() {
     assert!(error("texelwalk share", 1.0) < 0.03, "{table}");
     assert!(out.join("curves.png").is_file());
 }
+
+#[test]
+#[ignore = "slow: makes Python environments, minutes"]
+fn the_study_of_charts_lays_out_a_scene_by_all_programs() {
+    let out = folder("study_charts");
+    let script = root().join("pipelines/study/charts.py");
+    let mut study = Command::new(environment_python());
+    study.args([text(&script), text(&out), "--scene", "cornell", "--triangles", "5000"]);
+    study.args(["--binary", env!("CARGO_BIN_EXE_texelwalk")]);
+    let said = said(study.output().unwrap());
+    let rows: Vec<Vec<&str>> =
+        said.lines().filter(|l| l.starts_with("| cornell |")).map(|l| l.split('|').map(str::trim).collect()).collect();
+    assert_eq!(rows.len(), 4, "{said}");
+    let number = |row: usize, column: usize| rows[row][column].trim_end_matches('%').parse::<f64>().unwrap();
+    // Ours is even, and without padding fills the page better than with it.
+    assert!(number(0, 5) < 1.01 && number(1, 4) > number(0, 4) && number(0, 4) > 75.0, "{said}");
+    assert!((0..4).all(|row| (40.0..=100.0).contains(&number(row, 4))), "{said}");
+    assert!(said.contains("triangles: "), "{said}");
+}

@@ -1,16 +1,21 @@
 //! Finds density, page size and places: cuts what is larger than a page, lowers the density if pages run out.
 //!
-//! One page is made as small as it can be, its sides multiples of 4 (blocks of compressed textures); several pages have
-//! the largest width, and a height that fills the last one too.
+//! Charts are packed as what they claim of a grid of cells (`claim`), so that mip levels and blocks of compressed
+//! textures do not mix them. Sides of pages are multiples of a cell and of [`BLOCK`]; `choose` has the rest.
 
 use super::Error;
 use super::Settings;
 use super::align::Piece;
+use super::cells::Cells;
+use super::choose::choose;
+use super::choose::padded_area;
+use super::claim::Claim;
+use super::claim::claim;
+use super::claim::reach;
 use super::connect;
 use super::guard::Guard;
 use super::pack::Place;
 use super::pack::Sheet;
-use super::pack::pack;
 use super::shape::Footprint;
 use super::shape::Shape;
 use super::shape::extent;
@@ -25,14 +30,8 @@ use glam::DVec2;
 /// Pages of an atlas without `max_pages`: 256 pages of 4096² take half a gigabyte as bits alone.
 const MOST_PAGES: u32 = 256;
 
-/// Share of the page area that the first guess of a page size expects to be filled, padding included.
-const EXPECTED_FILL: f64 = 0.94;
-
-/// Page widths that are tried for one page, relative to the first guess; fewer where there are many charts.
-const WIDTHS: [f64; 5] = [1.0, 1.06, 0.94, 1.15, 1.3];
-
-/// Charts from which on only two widths are tried.
-const MANY_CHARTS: usize = 3000;
+/// Texels along a side of a block of compressed textures.
+const BLOCK: u32 = 4;
 
 /// Smallest factor on a density at which the areas fit, before giving up.
 const LEAST_FACTOR: f64 = 1e-3;
@@ -54,6 +53,8 @@ pub(super) struct Arranged {
     /// Bits of the fixed-point fraction in `Shape::grid`.
     pub(super) fraction_bits: u32,
     pub(super) blocks: Vec<Block>,
+    /// Mip levels in which no two charts meet.
+    pub(super) mips: u32,
 }
 
 /// Scales, cuts and packs the pieces.
@@ -68,6 +69,7 @@ pub(super) fn arrange(
     let fail = Error::DoesNotFit {
         charts: pieces.iter().map(|piece| piece.parts.len()).sum(),
         padding: settings.padding,
+        mips: settings.mips,
         pages: allowed,
         side: settings.page_size,
     };
@@ -110,7 +112,43 @@ pub(super) fn arrange(
         warnings.push(Warning::new("density-lowered", message));
     }
     warn_of_lowered(scene, &best.lowered, warnings);
-    Ok(best.finish((density * factor) as f32, fraction_bits(settings.page_size)))
+    let mut arranged = best.finish((density * factor) as f32, fraction_bits(settings.page_size));
+    arranged.mips = clean_levels(scene, &arranged, settings.mips, warnings);
+    Ok(arranged)
+}
+
+/// Mip levels in which no two charts meet: all that were asked for, but for kept layouts whose charts are too close.
+fn clean_levels(scene: &Scene, arranged: &Arranged, asked: u32, warnings: &mut Vec<Warning>) -> u32 {
+    let mut clean = asked;
+    for block in arranged.blocks.iter().filter(|block| block.piece.kept && block.piece.parts.len() > 1) {
+        let own = (1..=asked).rev().find(|level| !meets(block, *level, arranged)).unwrap_or(0);
+        if own < asked {
+            let name = &scene.parts[block.piece.parts[0] as usize].name;
+            let message = format!(
+                "charts of the kept TEXCOORD_1 of {name} are so close to each other that mip level {next} mixes them; \
+                 leave more space between them, or use --uv generate",
+                next = own + 1,
+            );
+            warnings.push(Warning::new("mips-mixed", message).at(name.clone()));
+        }
+        clean = clean.min(own);
+    }
+    clean
+}
+
+/// Look-ups in two charts of the block read one cell of a mip level.
+fn meets(block: &Block, level: u32, arranged: &Arranged) -> bool {
+    let Place { x: left, y: top, .. } = block.place;
+    // As many whole cells as there are to the left and above may be left out.
+    let [left, top] = [left, top].map(|at| at - (at >> (level + 1) << (level + 1)) + (1 << (level + 1)));
+    let Footprint { width, height, .. } = block.shape.footprint;
+    let mut cells = Cells::new(level, [left + width, top + height].map(|n| n + (2 << level)), 1);
+    for (face, grid) in block.piece.faces.iter().zip(&block.shape.grid) {
+        touched(*grid, arranged.fraction_bits, |y, from, to| {
+            (from..to).for_each(|x| cells.cover(0, [left + x, top + y], face.chart));
+        });
+    }
+    cells.are_shared()
 }
 
 fn warn_of_lowered(scene: &Scene, lowered: &[(u32, f64)], warnings: &mut Vec<Warning>) {
@@ -153,14 +191,13 @@ impl Layout {
             .zip(self.places)
             .map(|((piece, shape), place)| Block { piece: unite_sharing(piece, &shape, fraction_bits), shape, place })
             .collect();
-        Arranged { page_size: self.size, pages: self.pages, texels_per_meter, fraction_bits, blocks }
+        Arranged { page_size: self.size, pages: self.pages, texels_per_meter, fraction_bits, blocks, mips: 0 }
     }
 }
 
 fn attempt(pieces: &[Piece], density: f64, settings: &Settings, allowed: u32, guard: &Guard) -> Result<Attempt, Error> {
     guard.check()?;
-    let sheet = Sheet { size: [settings.page_size; 2], pages: allowed, padding: settings.padding };
-    let limit = f64::from(settings.page_size - 2 * sheet.margin());
+    let (sheet, limit) = sheet(settings, allowed);
     let capacity = f64::from(allowed) * limit * limit;
     let area: f64 = pieces.iter().map(|piece| area(piece) * density * density).sum();
     if area > capacity {
@@ -173,108 +210,41 @@ fn attempt(pieces: &[Piece], density: f64, settings: &Settings, allowed: u32, gu
         cut(piece, density, limit, &mut fitted, &mut lowered);
     }
     let bits = fraction_bits(settings.page_size);
+    let level = settings.mips;
     let shapes = parallel::map(fitted.len(), |i| shape(&fitted[i], density, bits));
-    let footprints: Vec<&Footprint> = shapes.iter().map(|shape| &shape.footprint).collect();
-    match choose(&footprints, sheet, guard)? {
-        Some((size, pages, places)) => {
-            Ok(Attempt::Fits(Layout { size, pages, pieces: fitted, shapes, places, lowered }))
-        }
-        None => {
-            let padded = padded_area(&footprints, sheet);
-            Ok(Attempt::TooDense((0.95 * capacity / padded).sqrt().clamp(0.5, 0.96)))
-        }
+    let claims = parallel::map(shapes.len(), |i| claim(&shapes[i].footprint, level, settings.padding));
+    let cells: Vec<&Footprint> = claims.iter().map(|claim| &claim.cells).collect();
+    let multiple = (BLOCK >> level).max(1);
+    let Some(choice) = choose(&cells, sheet, multiple, guard)? else {
+        let room = f64::from(sheet.pages) * f64::from(sheet.size[0] - 2 * sheet.margin).powi(2);
+        let factor = (0.95 * room / padded_area(&cells, sheet)).sqrt();
+        return Ok(Attempt::TooDense(factor.clamp(0.5, 0.96)));
+    };
+    let at = |(place, claim): (Place, &Claim)| Place {
+        x: (place.x << level) + claim.offset[0],
+        y: (place.y << level) + claim.offset[1],
+        ..place
+    };
+    let places = choice.places.into_iter().zip(&claims).map(at).collect();
+    let size = choice.size.map(|cells| cells << level);
+    Ok(Attempt::Fits(Layout { size, pages: choice.pages, pieces: fitted, shapes, places, lowered }))
+}
+
+/// The largest sheet, in cells, and the largest side of a chart on it [texels].
+fn sheet(settings: &Settings, pages: u32) -> (Sheet, f64) {
+    let (level, padding) = (settings.mips, settings.padding);
+    let side = settings.page_size >> level;
+    if level == 0 {
+        let margin = (padding / 2).max(1);
+        return (Sheet { size: [side; 2], pages, padding, margin }, f64::from(side - 2 * margin));
     }
+    let limit = f64::from(side << level) - 2.0 * f64::from(reach(level, padding));
+    (Sheet { size: [side; 2], pages, padding: 0, margin: 0 }, limit)
 }
 
 /// Area of the triangles of a piece [m²].
 fn area(piece: &Piece) -> f64 {
     piece.corners.iter().map(|c| 0.5 * super::flatten::twice_area(*c).abs()).sum()
-}
-
-/// Texels that footprints need together with their padding, estimated.
-fn padded_area(footprints: &[&Footprint], sheet: Sheet) -> f64 {
-    let pad = u64::from(sheet.padding);
-    footprints.iter().map(|f| (f.texels + pad * (u64::from(f.width + f.height) + pad)) as f64).sum()
-}
-
-/// A page size, the number of pages, and places.
-type Choice = ([u32; 2], u32, Vec<Place>);
-
-/// Chooses the page size.
-fn choose(footprints: &[&Footprint], sheet: Sheet, guard: &Guard) -> Result<Option<Choice>, Error> {
-    if footprints.is_empty() {
-        return Ok(Some(([0, 0], 0, Vec::new())));
-    }
-    let side = sheet.size[0];
-    let margin = 2 * sheet.margin();
-    let guess = (padded_area(footprints, sheet) / EXPECTED_FILL).sqrt();
-    let widest = footprints.iter().map(|f| f.width + margin).max().unwrap_or(0);
-    let tries = if footprints.len() > MANY_CHARTS { 2 } else { WIDTHS.len() };
-    let mut best: Option<Choice> = None;
-    let mut tried = Vec::new();
-    if guess <= f64::from(side) {
-        for factor in &WIDTHS[..tries] {
-            let width = round_up(((guess * factor) as u32).max(widest), side);
-            if tried.contains(&width) {
-                continue;
-            }
-            tried.push(width);
-            let one = Sheet { size: [width, side], pages: 1, ..sheet };
-            if let Some(places) = pack(footprints, one, guard)? {
-                let size = used(footprints, &places, sheet);
-                if best.as_ref().is_none_or(|best| texels(size) < texels(best.0)) {
-                    best = Some((size, 1, places));
-                }
-            }
-        }
-    }
-    if best.is_some() {
-        return Ok(best);
-    }
-    several(footprints, sheet, guard)
-}
-
-/// Several pages of full width, all of the same height.
-fn several(footprints: &[&Footprint], sheet: Sheet, guard: &Guard) -> Result<Option<Choice>, Error> {
-    let Some(places) = pack(footprints, sheet, guard)? else {
-        return Ok(None);
-    };
-    let pages = places.iter().map(|place| place.page + 1).max().unwrap_or(0);
-    let side = sheet.size[0];
-    if pages == 1 {
-        return Ok(Some((used(footprints, &places, sheet), 1, places)));
-    }
-    let last = footprints.iter().zip(&places).filter(|(_, place)| place.page + 1 == pages);
-    let last_height = last.map(|(f, place)| place.y + f.height + sheet.margin()).max().unwrap_or(side);
-    let tallest = footprints.iter().map(|f| f.height + 2 * sheet.margin()).max().unwrap_or(0);
-    let level = f64::from(side * (pages - 1) + last_height) / f64::from(pages);
-    for slack in [1.01, 1.04] {
-        let height = round_up(((level * slack) as u32).max(tallest), side);
-        if height < side {
-            let lower = Sheet { size: [side, height], pages, ..sheet };
-            if let Some(places) = pack(footprints, lower, guard)? {
-                return Ok(Some((lower.size, pages, places)));
-            }
-        }
-    }
-    Ok(Some((sheet.size, pages, places)))
-}
-
-fn texels(size: [u32; 2]) -> u64 {
-    u64::from(size[0]) * u64::from(size[1])
-}
-
-/// Size of the page that is in use.
-fn used(footprints: &[&Footprint], places: &[Place], sheet: Sheet) -> [u32; 2] {
-    let ends = footprints.iter().zip(places).map(|(f, place)| [place.x + f.width, place.y + f.height]);
-    let [width, height] = ends.fold([0, 0], |a: [u32; 2], b| [a[0].max(b[0]), a[1].max(b[1])]);
-    let side = sheet.size[0];
-    [round_up(width + sheet.margin(), side), round_up(height + sheet.margin(), side)]
-}
-
-/// The next multiple of 4, but not more than the largest page side.
-fn round_up(texels: u32, side: u32) -> u32 {
-    texels.next_multiple_of(4).min(side)
 }
 
 /// Cuts a piece until every part fits into `limit` texels; where that is impossible, scales it down.

@@ -37,6 +37,7 @@ pub(super) fn assemble(scene: &Scene, arranged: &Arranged, kept: &[bool]) -> Atl
         charts,
         parts,
         covered_texels: arranged.blocks.iter().map(|block| block.shape.footprint.texels).sum(),
+        mips: arranged.mips,
     }
 }
 

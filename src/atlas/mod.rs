@@ -4,12 +4,14 @@
 //!
 //! Steps: weld the triangles of each part by position (`weld`), take planar pieces and smooth components (`region`),
 //! flatten them by projection or by xatlas (`flatten`, `chart`), turn each chart to the texel rows (`align`), or keep
-//! the part's own `TEXCOORD_1` (`keep`); scale to the density and rasterise (`shape`), pack (`pack`, `arrange`), and
-//! give every triangle corner its output vertex (`assemble`).
+//! the part's own `TEXCOORD_1` (`keep`); scale to the density and rasterise (`shape`), find what each chart needs of a
+//! page so that mip levels do not mix charts (`claim`, `cells`), pack (`pack`, `choose`, `arrange`), and give every
+//! triangle corner its output vertex (`assemble`).
 //!
 //! Invariants:
 //! * every triangle with an area in a part that receives light has a chart;
 //! * no texel is touched by two charts, and charts that were made here are at least `padding` empty texels apart;
+//! * up to mip level `Atlas::mips`, no look-up in a chart reads a cell that a look-up in another chart reads;
 //! * vertices lie on a grid of 2⁻ⁿ texels, and charts move by whole texels only, so that coordinates are exact in `f32`
 //!   and a chart covers the same texels wherever it is packed;
 //! * the result does not depend on the number of threads.
@@ -17,7 +19,10 @@
 mod align;
 mod arrange;
 mod assemble;
+pub mod cells;
 mod chart;
+mod choose;
+mod claim;
 pub(crate) mod connect;
 mod flatten;
 mod guard;
@@ -47,6 +52,9 @@ pub const NO_CHART: u32 = u32::MAX;
 /// Largest page side [texels]: vertex coordinates need some of the 24 bits of an `f32` for fractions of a texel.
 pub const MAX_PAGE_SIZE: u32 = 16384;
 
+/// Most mip levels that can be kept clean: every chart takes at least 2ᵏ × 2ᵏ texels.
+pub const MOST_MIPS: u32 = 6;
+
 /// Where every triangle lies on the lightmap pages.
 #[derive(Debug, Default)]
 pub struct Atlas {
@@ -62,6 +70,8 @@ pub struct Atlas {
     pub parts: Vec<ChartedPart>,
     /// Texels of all pages that a chart touches.
     pub covered_texels: u64,
+    /// Mip levels, counted from 1, whose bilinear look-ups in a chart read no texel of another chart.
+    pub mips: u32,
 }
 
 impl Atlas {
@@ -120,6 +130,8 @@ pub struct Settings {
     pub max_pages: Option<u32>,
     /// Empty texels between charts.
     pub padding: u32,
+    /// Mip levels that mix no charts, 0 to [`MOST_MIPS`]; 2 and more also keep blocks of 4 × 4 texels apart.
+    pub mips: u32,
     /// Use of `TEXCOORD_1`.
     pub uv: Uv,
     /// Give up after this time.
@@ -135,6 +147,7 @@ impl Default for Settings {
             page_size: 4096,
             max_pages: None,
             padding: 2,
+            mips: 0,
             uv: Uv::Auto,
             time_limit: None,
             cancel: None,
@@ -153,14 +166,16 @@ pub enum Error {
     TimeLimit(Duration),
     /// Not even at a thousandth of the density at which the bare areas would fit.
     #[error(
-        "{charts} charts with {padding} texels of padding do not fit on {pages} pages of {side}² texels at any density; \
-         allow more or larger pages, or less padding"
+        "{charts} charts with {padding} texels of padding and {mips} clean mip levels do not fit on {pages} pages of \
+         {side}² texels at any density; allow more or larger pages, less padding, or fewer levels"
     )]
     DoesNotFit {
         /// Number of charts.
         charts: usize,
         /// Padding [texels].
         padding: u32,
+        /// Mip levels.
+        mips: u32,
         /// Pages that were allowed.
         pages: u32,
         /// Page side [texels].
@@ -182,7 +197,8 @@ pub enum Error {
 /// Charts the parts of a scene that receive light and packs the charts into pages.
 ///
 /// Warnings: `density-lowered` (all charts, to fit `max_pages`), `chart-density-lowered` (a chart larger than a page),
-/// `uv-regenerated` (a `TEXCOORD_1` that is no usable lightmap layout).
+/// `uv-regenerated` (a `TEXCOORD_1` that is no usable lightmap layout), `mips-mixed` (charts of a kept one are too near to
+/// each other for `mips`).
 ///
 /// # Errors
 /// [`Error`]: cancelled, out of time, no density fits, a `TEXCOORD_1` that cannot be kept, a setting out of range.
@@ -224,6 +240,13 @@ fn check(settings: &Settings) -> Result<(), Error> {
     if settings.padding > settings.page_size / 4 {
         let padding = settings.padding;
         return Err(Error::Setting(format!("a padding of {padding} texels is more than a quarter of a page")));
+    }
+    if settings.mips > MOST_MIPS || 8 << settings.mips > settings.page_size {
+        let (mips, side) = (settings.mips, settings.page_size);
+        return Err(Error::Setting(format!(
+            "{mips} clean mip levels are too many; there can be up to {MOST_MIPS}, and pages of {side} texels must be \
+             eight times as wide as their smallest texel"
+        )));
     }
     if settings.max_pages == Some(0) {
         return Err(Error::Setting("at least one page is needed".to_owned()));

@@ -1,9 +1,9 @@
 //! Packs footprints into pages: each at the lowest free place of the first page that has one, largest first.
 //!
-//! A page is a bit map of texels that are taken: footprints widened by the padding on all sides. A footprint fits where
-//! it meets no taken texel, so it may lie in holes of others, and every gap counts the padding once. All places in a
-//! row of the page are tried at once: for a run of n texels the row is OR-ed with itself shifted by 1 … n − 1 (in log₂
-//! n steps).
+//! A page is a bit map of texels (or of cells of several texels, see `claim`) that are taken: footprints widened by the
+//! padding on all sides. A footprint fits where it meets no taken texel, so it may lie in holes of others, and every gap
+//! counts the padding once. All places in a row of the page are tried at once: for a run of n texels the row is OR-ed
+//! with itself shifted by 1 … n − 1 (in log₂ n steps).
 //!
 //! Three things keep it fast: rows without a long enough gap are skipped; the first footprint row that excludes the
 //! last place ends a trial; and footprints of the size of an earlier one start where that one was put, since pages only
@@ -24,13 +24,8 @@ pub(super) struct Sheet {
     pub(super) pages: u32,
     /// Empty texels between footprints.
     pub(super) padding: u32,
-}
-
-impl Sheet {
     /// Empty texels along the border of a page.
-    pub(super) fn margin(self) -> u32 {
-        (self.padding / 2).max(1)
-    }
+    pub(super) margin: u32,
 }
 
 /// Where a footprint lies.
@@ -45,6 +40,8 @@ pub(super) struct Place {
 }
 
 /// Places in the order of the footprints; `None` if the sheet is too small.
+///
+/// Tried: longest side or largest rectangle first instead of highest first; pages were as large or larger.
 pub(super) fn pack(footprints: &[&Footprint], sheet: Sheet, guard: &Guard) -> Result<Option<Vec<Place>>, Error> {
     let mut order: Vec<usize> = (0..footprints.len()).collect();
     order.sort_by_key(|i| {
@@ -106,7 +103,7 @@ impl Page {
 
     /// Lowest row, and leftmost place in it, where the footprint meets nothing.
     fn find(&mut self, footprint: &Footprint, rows: &[(u32, u32)]) -> Option<(u32, u32)> {
-        let margin = self.sheet.margin();
+        let margin = self.sheet.margin;
         let [width, height] = self.sheet.size;
         if footprint.width + 2 * margin > width || footprint.height + 2 * margin > height {
             return None;
@@ -127,7 +124,7 @@ impl Page {
 
     /// Leftmost place in row y.
     fn first_free(&mut self, footprint: &Footprint, rows: &[(u32, u32)], y: u32) -> Option<u32> {
-        let margin = self.sheet.margin();
+        let margin = self.sheet.margin;
         let last_place = self.sheet.size[0] - margin - footprint.width;
         let mut places = BitMap::new(last_place + 1, 0);
         places.words = core::mem::take(&mut self.free);

@@ -49,6 +49,11 @@ impl Footprint {
         for triangle in grid {
             touched(*triangle, bits, |y, from, to| map.set(y, from, to));
         }
+        Self::of(&map, width, height)
+    }
+
+    /// The bits of a map of this size.
+    pub(super) fn of(map: &BitMap, width: u32, height: u32) -> Self {
         let mut footprint = Self { width, height, starts: vec![0], runs: Vec::new(), texels: 0 };
         for y in 0..height {
             footprint.runs.extend(map.runs(y));

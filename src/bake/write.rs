@@ -120,7 +120,7 @@ impl Facts<'_> {
     fn encode_pages(&self, results: &Results) -> Result<(Vec<File>, Vec<Warning>), Error> {
         let settings = &self.request.settings;
         let document = names::document_path(&self.request.input, &self.request.output);
-        let plan = formats::Plan::new(&settings.format, settings.padding, &results.lightmap);
+        let plan = formats::Plan::new(&settings.format, settings.mips, &results.lightmap);
         let mut names = names::page_files(&document, self.atlas.pages);
         plan.name(&mut names, settings.exr_image);
         for page in &mut names {
@@ -229,6 +229,7 @@ impl Facts<'_> {
                 charts: atlas.charts.len() as u64,
                 texels: patches.front as u64,
                 utilization: atlas.utilization(),
+                mip_levels: atlas.mips,
             },
             walk: solution.power,
             gather: report::Gather {

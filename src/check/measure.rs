@@ -91,7 +91,7 @@ impl Kind {
             Self::Padding => ("padding", 0.0, "pairs of charts that a look-up mixes"),
             Self::Uncovered => ("uncovered", 0.0, "texels whose look-ups read texels that were never filled"),
             Self::MipBleeding => {
-                ("mip-bleeding", 0.01, "light of others in mip levels 1 to 3 at borders, 99.9th percentile")
+                ("mip-bleeding", 0.01, "light of others in mip levels said to be clean, else 1 to 3, 99.9th percentile")
             }
             Self::SeamStep => ("seam-step", 0.005, "jump of light across borders of charts, 99.9th percentile"),
             Self::Leaks => ("leaks", 0.01, "light from behind walls on dark surfaces, of the lit side's"),

@@ -1,27 +1,33 @@
 //! Light of other charts in small mip levels.
 //!
 //! In: pages with boxes of 2ᵏ × 2ᵏ texels averaged, as graphics libraries make mip levels. At the middle of every texel at
-//! the border of a chart, a look-up in level k = 1 … 3 is compared with the same look-up that reads none but the chart's
-//! own texels: those it covers, and those around it that are nearer to it than to any other chart, unless they were left
+//! the border of a chart, a look-up in level k is compared with the same look-up that reads none but the chart's own
+//! texels: those it covers, and those around it that are nearer to it than to any other chart, unless they were left
 //! black beside lit ones. So a gradient of light is no fault: without foreign texels in reach the two are equal.
+//!
+//! Judged are the levels of which the manifest says that they are clean (`mipLevels`), and levels 1 to 3 where it says
+//! nothing, as other bakers do not. In a file that promises n levels, the texels that look-ups of one chart alone read up
+//! to level n are that chart's (`atlas::cells`), nearest or not, since they are filled from it.
 //!
 //! Limits: of pages whose sides are no multiples of 2ᵏ the last texels are left out, as most libraries do. Block
 //! compression is not simulated: its error shows in formats, and would hide what is looked for here.
 
 use super::measure::{Kind, Measure, Tally};
+use super::page;
 use super::subject::{FLOOR, Subject, rgb};
 use crate::atlas::NO_CHART;
+use crate::atlas::cells::{Cells, NOBODY, SEVERAL};
 use crate::base::{Rgb, parallel};
 use glam::Vec2;
 
-/// Levels that are looked at.
+/// Levels that are judged where nothing is promised, and of which the figures are told in any case.
 const LEVELS: u32 = 3;
 
-/// How far filled texels belong to a chart: the reach of a look-up in the last level.
+/// How far filled texels belong to a chart: the reach of a look-up in the last of [`LEVELS`].
 const REACH: u32 = 12;
 
 /// Between charts: nearest to more than one.
-const BETWEEN: u32 = NO_CHART - 1;
+const BETWEEN: u32 = SEVERAL;
 
 /// Border texels per chunk of work.
 const CHUNK: usize = 256;
@@ -36,7 +42,7 @@ struct Owners {
 }
 
 impl Owners {
-    fn new(subject: &Subject<'_>, page: u32) -> Self {
+    fn new(subject: &Subject<'_>, page: u32, cells: Option<&Cells>) -> Self {
         let image = subject.page(page);
         let (width, height) = (image.width as i32, image.height as i32);
         let count = image.pixels.len();
@@ -55,7 +61,21 @@ impl Owners {
         for _ in 0..REACH {
             front = owners.grow(&front);
         }
+        if let Some(cells) = cells {
+            owners.take(subject, page, cells);
+        }
         owners
+    }
+
+    /// Gives the texels beside charts to the chart whose look-ups alone read them.
+    fn take(&mut self, subject: &Subject<'_>, page: u32, cells: &Cells) {
+        for (i, chart) in self.chart.iter_mut().enumerate() {
+            let [x, y] = [i as i32 % self.width, i as i32 / self.width];
+            let owner = cells.owner(page, [x as u32, y as u32]);
+            if owner != NOBODY && owner != SEVERAL && subject.patches.front_at(page, x, y).is_none() {
+                *chart = owner;
+            }
+        }
     }
 
     fn at(&self, x: i32, y: i32) -> Option<usize> {
@@ -91,35 +111,57 @@ impl Owners {
     }
 }
 
+/// Whose cells are whose in the last level that is promised to be clean.
+fn cells(subject: &Subject<'_>, level: u32) -> Cells {
+    let patches = &subject.patches;
+    let mut cells = Cells::new(level, patches.page_size, subject.lightmaps.pages().len() as u32);
+    for i in 0..patches.front {
+        let (x, y) = patches.texel_xy(i);
+        // No chart has this number, so what a texel of several charts reads is nobody's own.
+        let chart = if subject.is_pure(i) { patches.chart(i) } else { SEVERAL };
+        cells.cover(patches.page(i), [x, y], chart);
+    }
+    cells
+}
+
 /// Bleeding at chart borders; the value is the 99.9th percentile over them, the worst level of each.
 pub(super) fn measure(subject: &Subject<'_>) -> Measure {
     let patches = &subject.patches;
-    let owners = parallel::map(subject.lightmaps.pages().len(), |page| Owners::new(subject, page as u32));
+    let promised = page::clean_levels(&subject.scene.document);
+    let judged = promised.unwrap_or(LEVELS) as usize;
+    let count = judged.max(LEVELS as usize);
+    let cells = promised.filter(|level| *level > 0).map(|level| cells(subject, level));
+    let owners =
+        parallel::map(subject.lightmaps.pages().len(), |page| Owners::new(subject, page as u32, cells.as_ref()));
     let border: Vec<u32> = (0..patches.front).filter(|&i| is_border(subject, i)).map(|i| i as u32).collect();
     let limit = subject.settings.limit(Kind::MipBleeding);
     let chunks = parallel::map_chunks(border.len(), CHUNK, |range| {
-        let mut tallies = [(); LEVELS as usize + 1].map(|()| Tally::default());
+        let mut tallies: Vec<Tally> = (0..=count).map(|_| Tally::default()).collect();
         for k in range {
             let i = border[k] as usize;
-            let of = |level: u32| bleeding(subject, &owners[patches.page(i) as usize], i, level);
-            let levels = [of(1), of(2), of(3)];
-            let worst = levels.into_iter().fold(0.0, f64::max);
-            tallies[0].look(worst, limit, || subject.middle(i));
-            for (tally, level) in tallies[1..].iter_mut().zip(levels) {
-                tally.weigh(level as f32, 1.0);
-            }
+            let level = |k: usize| bleeding(subject, &owners[patches.page(i) as usize], i, k as u32 + 1);
+            let levels: Vec<f64> = (0..count).map(level).collect();
+            let worst = levels[..judged].iter().copied().fold(0.0, f64::max);
+            tallies[count].look(worst, limit, || subject.middle(i));
+            tallies.iter_mut().zip(levels).for_each(|(tally, level)| tally.weigh(level as f32, 1.0));
         }
         tallies
     });
-    let mut by_level = [(); LEVELS as usize + 1].map(|()| vec![]);
+    let mut by_level: Vec<Vec<Tally>> = (0..=count).map(|_| vec![]).collect();
     for chunk in chunks {
         by_level.iter_mut().zip(chunk).for_each(|(all, tally)| all.push(tally));
     }
-    let [tally, levels @ ..] = by_level.map(Tally::join);
-    let levels = levels.map(|mut level| level.percentile(0.999));
-    let mut measure = tally.measure(subject, Kind::MipBleeding, levels.into_iter().fold(0.0, f64::max));
-    let [one, two, three] = levels.map(|l| l * 100.0);
-    measure.notes.push(format!("level 1: {one:.2} %, level 2: {two:.2} %, level 3: {three:.2} %"));
+    let mut joined: Vec<Tally> = by_level.into_iter().map(Tally::join).collect();
+    let tally = joined.pop().unwrap_or_default();
+    let levels: Vec<f64> = joined.iter_mut().map(|level| level.percentile(0.999)).collect();
+    let value = levels[..judged].iter().copied().fold(0.0, f64::max);
+    let mut measure = tally.measure(subject, Kind::MipBleeding, value);
+    let each: Vec<String> = (1..).zip(&levels).map(|(k, v)| format!("level {k}: {:.2} %", v * 100.0)).collect();
+    let said = promised.map_or_else(
+        || "the file does not say how many levels are clean".to_owned(),
+        |levels| format!("{levels} level(s) are said to be clean"),
+    );
+    measure.notes.push(format!("{}; {said}", each.join(", ")));
     measure
 }
 

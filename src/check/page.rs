@@ -5,6 +5,7 @@
 
 use super::measure::{Kind, Measure, Tally};
 use super::subject::Subject;
+use crate::atlas::MOST_MIPS;
 use crate::output::Error;
 use crate::output::splice::Element;
 use crate::render::Lightmaps;
@@ -28,6 +29,14 @@ struct Entry {
     texture: Option<usize>,
     size: [Option<usize>; 2],
     uri: String,
+}
+
+/// Mip levels that the document says do not mix charts; `None` if it says nothing.
+pub(super) fn clean_levels(document: &Document) -> Option<u32> {
+    let root = Element::root(&document.json).ok()?;
+    let scenes = root.array("scenes");
+    let manifest = scenes.iter().find_map(|s| s.find(&["extras", "lightmap"]))?;
+    manifest.index_at("mipLevels").map(|levels| (levels as u32).min(MOST_MIPS))
 }
 
 fn manifest(root: &Element<'_>) -> Vec<Entry> {

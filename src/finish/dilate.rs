@@ -1,4 +1,4 @@
-//! Fills the texels around charts, so that bilinear look-ups at chart borders and small mip levels meet no black.
+//! Fills texels around charts from whatever is near: for pictures of which nothing but the coverage is known.
 //!
 //! In: a page whose covered texels (fourth value 1) hold light. Out: up to `radius` rings of texels around them filled;
 //! coverage stays 0 there, and texels farther away are set to zero.

@@ -3,11 +3,13 @@
 mod assemble;
 mod cells;
 mod dilate;
+mod fill;
 mod network;
 mod share;
 
 pub use assemble::assemble;
 pub use dilate::dilate;
+pub use fill::{fill, refill};
 pub use share::{Along, Errors, share};
 
 /// One page of a lightmap, row-major, row 0 = v 0.

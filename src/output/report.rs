@@ -79,6 +79,8 @@ pub struct AtlasCounts {
     pub texels: u64,
     /// Covered part of all pages, in [0, 1].
     pub utilization: f64,
+    /// Mip levels in which charts do not mix.
+    pub mip_levels: u32,
 }
 
 /// The walk. Powers are linear Rec.709 [lm]; in = absorbed + escaped + residual.

@@ -21,6 +21,11 @@ impl Options {
         }
         Ok(formats)
     }
+
+    /// Mip levels that the formats need: a block of 4 × 4 texels has few bits, and wastes them where it mixes charts.
+    pub(super) fn least_mips(&self) -> u32 {
+        if self.format.as_ref().is_some_and(|f| f.contains(&Format::Ktx2)) { 2 } else { 0 }
+    }
 }
 
 /// Nothing but the default; it is left out of what outputs say of their settings.
@@ -44,6 +49,8 @@ mod tests {
             assert!(message.contains(option) && message.contains("--format"), "{message}");
             assert!(read(&format!("format = [\"hdr\"]\n{option} = false")).is_ok());
         }
+        assert_eq!([some.mips, read("mips = 3").unwrap().mips, read("format = [\"ktx2\"]").unwrap().mips], [0, 3, 2]);
+        assert!(read("mips = 7").unwrap_err().to_string().contains("--mips"));
         assert!(read("format = []").unwrap_err().to_string().contains("--format"));
         assert!(Options::from_toml("format = [\"jpeg\"]").is_err());
     }

@@ -1,54 +1,60 @@
 //! The mip levels of a page, with which no black from between charts bleeds into them.
 //!
-//! In: a page with its coverage, and how many rings it was dilated by. Out: levels down to 1 × 1, each half as large
-//! (rounded down). A texel of a level is the mean of the covered area below it; a dilated texel has no say. What is not
-//! covered is filled by `finish::dilate` anew on every level.
+//! In: a page, filled, with its coverage, and the number of levels in which squares of texels belong to one chart each.
+//! Out: levels down to 1 × 1, each half as large (rounded down). In these levels a texel is the mean of all below it, as
+//! any loader makes it. In further ones it is the mean of the covered area below it: what was filled has no say, and what
+//! is not covered is filled by `finish::dilate` anew on every level.
 //!
-//! Level 0 keeps the dilated texels of the page as they are, and gets [`BLOCK_RINGS`] more: a 4 × 4 block that has one
-//! good texel holds no black one then, which would take a line of the block's two or three colours for itself.
-//!
-//! Known limit: level k mixes charts that are nearer to each other than about 2^k texels, so levels beyond the logarithm
-//! of `--padding` are for surfaces far away.
+//! Known limit: further levels mix charts that are near each other, so they are for surfaces far away.
 
 use super::half;
 use crate::finish::Page;
 use crate::finish::dilate;
 
-/// A block is four texels wide, so this reaches all of it from any of its texels.
-const BLOCK_RINGS: u32 = 3;
+/// Rings around what is covered: one for look-ups, and three more that reach all of a block of four texels. A block
+/// that has one good texel holds no black one then, which would take a line of the block's two or three colours for
+/// itself.
+const RINGS: u32 = 4;
 
 /// All levels, the largest first. The fourth value of a texel is the part of it that is covered.
 #[must_use]
-pub fn levels(page: &Page, padding: u32) -> Vec<Page> {
+pub fn levels(page: &Page, mips: u32) -> Vec<Page> {
     let stored = |p: &[f32; 4]| [half(p[0]).to_f32(), half(p[1]).to_f32(), half(p[2]).to_f32(), p[3]];
     let mut covered = Page { pixels: page.pixels.iter().map(stored).collect(), ..*page };
-    let mut levels = Vec::new();
-    loop {
-        let mut filled = covered.clone();
-        dilate(&mut filled, if levels.is_empty() { padding.max(1) } else { 1 } + BLOCK_RINGS);
-        levels.push(filled);
-        if covered.width <= 1 && covered.height <= 1 {
-            return levels;
+    let mut plain = covered.clone();
+    let mut levels = vec![plain.clone()];
+    let mut level = 0;
+    while covered.width > 1 || covered.height > 1 {
+        level += 1;
+        covered = halved(&covered, |pixel| f64::from(pixel[3]));
+        if level <= mips {
+            plain = halved(&plain, |_| 1.0);
+            levels.push(plain.clone());
+        } else {
+            let mut filled = covered.clone();
+            dilate(&mut filled, RINGS);
+            levels.push(filled);
         }
-        covered = halved(&covered);
     }
+    levels
 }
 
-fn halved(page: &Page) -> Page {
+/// Half as large; a texel is the mean by weight, and in the fourth place the covered part.
+fn halved(page: &Page, weight: impl Fn(&[f32; 4]) -> f64) -> Page {
     let (columns, rows) = (shares(page.width), shares(page.height));
     let mut pixels = Vec::with_capacity(columns.len() * rows.len());
     for row in &rows {
         for column in &columns {
-            let (mut sum, mut cover, mut area) = ([0.0f64; 3], 0.0, 0.0);
+            let (mut sum, mut total, mut cover, mut area) = ([0.0f64; 3], 0.0, 0.0, 0.0);
             for &(y, wy) in row {
                 for &(x, wx) in column {
                     let pixel = page.pixels[(y * page.width + x) as usize];
-                    let weight = wx * wy * f64::from(pixel[3]);
-                    sum = core::array::from_fn(|c| sum[c] + weight * f64::from(pixel[c]));
-                    (cover, area) = (cover + weight, area + wx * wy);
+                    let share = wx * wy * weight(&pixel);
+                    sum = core::array::from_fn(|c| sum[c] + share * f64::from(pixel[c]));
+                    (total, cover, area) = (total + share, cover + wx * wy * f64::from(pixel[3]), area + wx * wy);
                 }
             }
-            let [r, g, b] = sum.map(|s| if cover > 0.0 { (s / cover) as f32 } else { 0.0 });
+            let [r, g, b] = sum.map(|s| if total > 0.0 { (s / total) as f32 } else { 0.0 });
             pixels.push([r, g, b, (cover / area) as f32]);
         }
     }
@@ -100,28 +106,29 @@ mod tests {
 
     #[test]
     fn nothing_bleeds_from_what_is_not_covered() {
-        // A chart of constant light; black between charts, and nonsense in what was dilated.
+        // A chart of constant light; black between charts, and nonsense in what was filled.
         let chart = |x: u32, y: u32| (3..9).contains(&x) && (5..8).contains(&y);
         let page = page(32, 24, |x, y| if chart(x, y) { [2.0, 3.0, 4.0, 1.0] } else { [9.0, 0.0, 0.0, 0.0] });
-        for (k, level) in levels(&page, 1).iter().enumerate() {
+        for (k, level) in levels(&page, 0).iter().enumerate().skip(1) {
             for (i, pixel) in level.pixels.iter().enumerate() {
                 let filled = pixel[1] > 0.0;
                 assert!(!filled || (pixel[1] - 3.0).abs() < 1e-6 && (pixel[0] - 2.0).abs() < 1e-6, "{k} {i} {pixel:?}");
             }
         }
-        assert!(levels(&page, 1)[0].pixels[4 * 32][1] == 3.0, "three texels from the chart, within padding and block");
     }
 
     #[test]
-    fn level_zero_keeps_what_dilation_made() {
-        let mut before = page(40, 40, |x, y| {
-            let on = (x / 9 + y / 7) % 2 == 0 && x % 9 < 4 && y % 7 < 3;
-            [(x + y) as f32, x as f32, y as f32, f32::from(u8::from(on))]
-        });
-        dilate(&mut before, 2);
-        let after = &levels(&before, 2)[0];
-        for (a, b) in after.pixels.iter().zip(&before.pixels) {
-            assert!(a == b || b[..3] == [0.0; 3]);
+    fn clean_levels_are_plain_means_and_level_zero_is_the_page() {
+        let page = page(16, 8, |x, y| [(x + y) as f32, x as f32, y as f32, f32::from(u8::from(x % 3 == 0))]);
+        let levels = levels(&page, 2);
+        assert_eq!(levels[0], page);
+        for (y, x) in (0..4u32).flat_map(|y| (0..8u32).map(move |x| (y, x))) {
+            let pixel = levels[1].pixels[(y * 8 + x) as usize];
+            assert_eq!(pixel[..3], [(2 * x + 2 * y) as f32 + 1.0, (2 * x) as f32 + 0.5, (2 * y) as f32 + 0.5]);
         }
+        assert!((levels[2].pixels[5][1] - 5.5).abs() < 1e-6);
+        let covered =
+            |p: &Page| p.pixels.iter().map(|p| f64::from(p[3])).fold(0.0, |a, b| a + b) / p.pixels.len() as f64;
+        assert!(levels.iter().all(|level| (covered(level) - 6.0 / 16.0).abs() < 1e-6));
     }
 }

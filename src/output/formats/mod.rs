@@ -164,18 +164,18 @@ impl PageFile {
 #[derive(Debug, Clone)]
 pub struct Plan {
     codings: Vec<Coding>,
-    /// Rings of texels that pages were dilated by.
-    padding: u32,
+    /// Mip levels in which pages do not mix charts.
+    mips: u32,
 }
 
 impl Plan {
     /// The scales for a lightmap, which is the sum of everything that is written with them.
     #[must_use]
-    pub fn new(formats: &[Format], padding: u32, lightmap: &Lightmap) -> Self {
+    pub fn new(formats: &[Format], mips: u32, lightmap: &Lightmap) -> Self {
         let values = lightmap.pages.iter().flat_map(|p| &p.pixels).flat_map(|p| &p[..3]);
         let largest = f64::from(values.fold(0.0f32, |most, &v| most.max(half(v).to_f32())));
         let coding = |&format: &Format| Coding { format, scale: format.most().map_or(1.0, |m| scale(largest / m)) };
-        Self { codings: formats.iter().map(coding).collect(), padding }
+        Self { codings: formats.iter().map(coding).collect(), mips }
     }
 
     /// Tells the document about its files, unless a plain EXR is all there is. `image` puts the EXR among its images.
@@ -205,7 +205,7 @@ impl Plan {
     ) -> Result<Vec<(PathBuf, Vec<u8>)>, Error> {
         let one = |&coding: &Coding| {
             let path = coding.format.path(page_exr);
-            encode(&path, page, coding, self.padding, attributes).map(|bytes| (path, bytes))
+            encode(&path, page, coding, self.mips, attributes).map(|bytes| (path, bytes))
         };
         self.codings.iter().map(one).collect()
     }
@@ -215,17 +215,11 @@ impl Plan {
 ///
 /// # Errors
 /// If a value is not a number, or the picture cannot be encoded.
-pub fn encode(
-    path: &Path,
-    page: &Page,
-    coding: Coding,
-    padding: u32,
-    attributes: &Attributes,
-) -> Result<Vec<u8>, Error> {
+pub fn encode(path: &Path, page: &Page, coding: Coding, mips: u32, attributes: &Attributes) -> Result<Vec<u8>, Error> {
     check(path, page)?;
     match coding.format {
         Format::Exr => exr::lightmap(path, page, attributes),
-        Format::Ktx2 => ktx2::texture(path, &mips::levels(page, padding), attributes),
+        Format::Ktx2 => ktx2::texture(path, &mips::levels(page, mips), attributes),
         Format::Hdr | Format::Png | Format::Rgbm | Format::Rgbd | Format::Rgbe => images::encode(path, page, coding),
     }
 }

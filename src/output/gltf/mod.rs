@@ -5,7 +5,8 @@
 //! * `MOZ_lightmap` on materials (`index`, `texCoord`, `intensity`): a texel times `intensity` is irradiance;
 //! * a texture per page, whose core image is the PNG preview and whose `extras.lightmap.uri` is the EXR, because a
 //!   texture without a core image, or an EXR among the images, makes loaders refuse the file;
-//! * `extras.lightmap` on the scenes that show baked nodes: a manifest of the pages;
+//! * `extras.lightmap` on the scenes that show baked nodes: a manifest of the pages, with the number of mip levels that
+//!   loaders can make from them without mixing charts;
 //! * with light by normal, `directional` beside each of these URIs (see `output::directional`);
 //! * with formats other than the plain EXR, `files` beside each of these URIs (see `formats`); with `--exr-image` the EXR
 //!   among the images, too, behind `EXT_texture_exr` of the texture;
@@ -224,7 +225,7 @@ fn textures(splice: &mut Splice<'_>, root: &Element<'_>, uris: &PageUris) -> Res
             quoted(uri)
         ));
     }
-    // LINEAR for minification too: mip levels would mix charts. CLAMP_TO_EDGE in both directions.
+    // LINEAR for minification too: a sampler cannot say at which mip level to stop, and charts mix from some level on. CLAMP_TO_EDGE in both directions.
     let linear = "{\"magFilter\": 9729, \"minFilter\": 9729, \"wrapS\": 33071, \"wrapT\": 33071}";
     splice.append_at(root, "samplers", vec![linear.to_owned()])?;
     splice.append_at(root, "images", images)?;
@@ -248,8 +249,9 @@ fn manifest(atlas: &Atlas, uris: &PageUris, first_texture: usize, quantity: Quan
     };
     let pages: Vec<String> = uris.pages.iter().enumerate().map(page).collect();
     format!(
-        "{{\"version\": 1, \"quantity\": \"{}\", \"texCoord\": 1, \"pages\": [{}]}}",
+        "{{\"version\": 1, \"quantity\": \"{}\", \"texCoord\": 1, \"mipLevels\": {}, \"pages\": [{}]}}",
         quantity.name(),
+        atlas.mips,
         pages.join(", ")
     )
 }
