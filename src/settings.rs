@@ -39,6 +39,17 @@ pub struct Options {
     /// Which lightmap UVs to use
     #[arg(long, value_enum, value_name = "MODE", help_heading = "Lightmap")]
     pub uv: Option<UvMode>,
+    /// Cut triangles, and charts, along the lines where other surfaces meet them, so that walls thinner than two texels
+    /// are tight; adds vertices [default: false]
+    #[arg(
+        long,
+        value_name = "BOOL",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "true",
+        help_heading = "Lightmap"
+    )]
+    pub cut_contacts: Option<bool>,
     /// What a texel holds
     #[arg(long, value_enum, value_name = "QUANTITY", help_heading = "Lightmap")]
     pub quantity: Option<Quantity>,
@@ -193,6 +204,9 @@ pub struct Settings {
     pub padding: u32,
     /// Which UVs.
     pub uv: UvMode,
+    /// Triangles are cut where other surfaces meet them.
+    #[serde(skip_serializing_if = "core::ops::Not::not")]
+    pub cut_contacts: bool,
     /// What a texel holds.
     pub quantity: Quantity,
     /// Files of every page, each once; the first is the lightmap of the glTF.
@@ -311,6 +325,7 @@ impl Options {
             max_pages,
             padding,
             uv,
+            cut_contacts,
             quantity,
             format,
             exr_image,
@@ -361,6 +376,7 @@ impl Options {
             max_pages: self.max_pages.map(|n| within("--max-pages", n, 1, 4096)).transpose()?,
             padding: within("--padding", self.padding.unwrap_or(2), 0, 64)?,
             uv: self.uv.unwrap_or(UvMode::Auto),
+            cut_contacts: self.cut_contacts.unwrap_or(false),
             quantity: self.quantity.unwrap_or(Quantity::Radiosity),
             format: self.formats()?,
             exr_image: self.exr_image.unwrap_or(false),
@@ -423,6 +439,7 @@ impl Settings {
             ("--unlit", self.unlit),
         ];
         let for_lightmaps = [
+            ("--cut-contacts", self.cut_contacts),
             ("--aov", !self.aov.is_empty()),
             ("--light-groups", self.light_groups),
             ("--format", self.format != [Format::Exr]),

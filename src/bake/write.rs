@@ -213,6 +213,11 @@ impl Facts<'_> {
                 texels: patches.front as u64,
                 utilization: atlas.utilization(),
             },
+            contacts: request.settings.cut_contacts.then_some(report::Contacts {
+                triangles_cut: scene.cuts.cut,
+                triangles_made: scene.cuts.made,
+                lines_continued: scene.cuts.continued,
+            }),
             walk: solution.power,
             gather: report::Gather {
                 rays: solution.gather_rays,

@@ -3,11 +3,13 @@
 mod assemble;
 mod cells;
 mod dilate;
+mod hidden;
 mod network;
 mod share;
 
 pub use assemble::assemble;
 pub use dilate::dilate;
+pub use hidden::fill_hidden;
 pub use share::{Errors, share};
 
 /// One page of a lightmap, row-major, row 0 = v 0.
