@@ -48,7 +48,7 @@ fn area_is_kept_and_no_cracks_open() {
         assert_eq!(after.triangles.len() as u64, before.triangles.len() as u64 - after.cuts.cut + after.cuts.made);
         for p in 0..before.parts.len() {
             let (old, new) = (area(&before, p), area(&after, p));
-            assert!((new - old).abs() <= 2e-6 * old, "{name}, {}: {old} m² became {new}", before.parts[p].name);
+            assert!((new - old).abs() <= 2e-5 * old, "{name}, {}: {old} m² became {new}", before.parts[p].name);
             let (old, new) = (open_edges(&before, p), open_edges(&after, p));
             assert!((new - old).abs() <= 1e-4 * (1.0 + old), "{name}, {}: {old} m became {new}", before.parts[p].name);
         }

@@ -7,7 +7,6 @@
 use crate::atlas::Atlas;
 use crate::base::{Rgb, Warning, parallel};
 use crate::patches::{COS_FACING, HEIGHTS, Patches};
-use crate::scene::Scene;
 use crate::trace::{Ray, Tracer};
 use std::collections::BTreeMap;
 
@@ -34,14 +33,17 @@ pub(super) fn warnings(
     let look = Look { tracer, patches, light, least };
     let chunks = parallel::map_chunks(patches.front, CHUNK, |range| range.flat_map(|i| look.pairs(i)).collect());
     let all: Vec<Pair> = chunks.into_iter().flat_map(|chunk: Vec<Pair>| chunk).collect();
-    let mut by_part: BTreeMap<u32, Vec<Pair>> = BTreeMap::new();
+    let scene = tracer.scene();
+    let mut by_node: BTreeMap<usize, Vec<Pair>> = BTreeMap::new();
     for pair in all {
-        by_part.entry(atlas.charts[patches.chart(pair.0) as usize].part).or_default().push(pair);
+        let part = atlas.charts[patches.chart(pair.0) as usize].part;
+        by_node.entry(scene.parts[part as usize].node).or_default().push(pair);
     }
-    by_part.into_iter().map(|(part, pairs)| warning(tracer.scene(), &look, part, &pairs, cut_contacts)).collect()
+    let name = |node: usize| scene.parts.iter().find(|p| p.node == node).map_or("", |p| p.name.as_str());
+    by_node.into_iter().map(|(node, pairs)| warning(name(node), &look, &pairs, cut_contacts)).collect()
 }
 
-fn warning(scene: &Scene, look: &Look<'_>, part: u32, pairs: &[Pair], cut_contacts: bool) -> Warning {
+fn warning(node: &str, look: &Look<'_>, pairs: &[Pair], cut_contacts: bool) -> Warning {
     let brightness = |p: &Pair| look.light[p.0].max_element();
     let worst = pairs.iter().fold(pairs[0], |worst, p| if brightness(p) > brightness(&worst) { *p } else { worst });
     let [x, y, z] = look.patches.position[worst.1].to_array();
@@ -51,7 +53,7 @@ fn warning(scene: &Scene, look: &Look<'_>, part: u32, pairs: &[Pair], cut_contac
          {y:.2}, {z:.2}) m; use {advice}more texels per metre, or thicker walls",
         pairs.len()
     );
-    Warning::new("thin-wall", message).at(scene.parts[part as usize].name.as_str())
+    Warning::new("thin-wall", message).at(node)
 }
 
 struct Look<'a> {
@@ -100,7 +102,7 @@ impl Look<'_> {
             return None;
         }
         let edge = patches.texel_edge(i).min(patches.texel_edge(j));
-        let blocked = HEIGHTS.iter().any(|height| {
+        let blocked = HEIGHTS.iter().all(|height| {
             let origin = patches.position[i] + patches.normal[i] * (height * edge);
             let target = patches.position[j] + patches.normal[j] * (height * edge);
             self.tracer.occluded(&Ray { origin, direction: target - origin, t_max: 1.0 })

@@ -117,8 +117,10 @@ impl Nodes {
         let lines = [0, 1, 2].map(|k| along([self.flat[k], self.flat[(k + 1) % 3]], p));
         let side = (0..3).filter(|&k| lines[k].1 <= self.tolerance).min_by(|&a, &b| lines[a].1.total_cmp(&lines[b].1));
         if let Some(side) = side {
+            // Clipped lines may end a little beyond a sharp corner, so the foot counts.
             let opposite = (side + 2) % 3;
-            let own = self.nearest(p, |n| n.steps[opposite] == 0);
+            let foot = self.flat[side].lerp(self.flat[(side + 1) % 3], lines[side].0.clamp(0.0, 1.0));
+            let own = self.nearest(foot, |n| n.steps[opposite] == 0);
             let from = (lines[side].0 * f64::from(GRID)).round().clamp(1.0, f64::from(GRID - 1)) as u32;
             return match own {
                 Some((k, distance)) if fixed || distance <= self.tolerance => k,

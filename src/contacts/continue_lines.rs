@@ -12,6 +12,7 @@
 
 use super::Segment;
 use super::arrange::Shape;
+use super::find::MARGIN;
 use super::mesh::{GRID, Mesh};
 use super::plane::{Plane, along, clip, weights};
 use crate::base::parallel;
@@ -222,7 +223,7 @@ impl<'a> Region<'a> {
         let mut met: Vec<(f64, f64, u32)> = vec![];
         for &t in self.triangles {
             let flat = mesh.corners(t).map(|p| self.plane.at(p));
-            if let Some([a, b]) = clip(flat, endless, self.tolerance) {
+            if let Some([a, b]) = clip(flat, endless, MARGIN * self.tolerance) {
                 met.push((span(a), span(b), t));
             }
         }

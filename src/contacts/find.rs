@@ -16,6 +16,9 @@ use glam::{DVec2, DVec3};
 /// Cosine up to which surfaces lie face to face.
 const FACING: f64 = -0.98;
 
+/// How far lines may reach beyond a triangle, in tolerances: less than one, so that ends out there move to its sides.
+pub(super) const MARGIN: f64 = 0.5;
+
 /// Contacts with the front of a triangle, clipped to it.
 pub(super) fn contacts(tracer: &Tracer<'_>, mesh: &Mesh<'_>, triangle: u32, tolerance: f64) -> Vec<Segment> {
     if !mesh.is_cut(triangle) {
@@ -37,7 +40,7 @@ pub(super) fn contacts(tracer: &Tracer<'_>, mesh: &Mesh<'_>, triangle: u32, tole
     near.dedup();
     let own = Own { mesh, triangle, plane, tolerance };
     let lines = near.into_iter().flat_map(|other| own.lines(other));
-    let clipped = lines.filter_map(|[a, b]| clip(flat, [plane.at(a), plane.at(b)], tolerance));
+    let clipped = lines.filter_map(|[a, b]| clip(flat, [plane.at(a), plane.at(b)], MARGIN * tolerance));
     clipped.filter(|[a, b]: &[DVec2; 2]| a.distance(*b) > 2.0 * tolerance).collect()
 }
 

@@ -28,6 +28,8 @@ pub(crate) struct Rect {
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Place {
     pub(crate) things: Vec<(String, Vec<Rect>)>,
+    /// Foot and height of the upright edges of things [m].
+    pub(crate) upright: Vec<(Vec3, f32)>,
     /// Where walls begin and end, along x, y and z [m].
     pub(crate) lines: [Vec<f32>; 3],
     /// Points of view in the dark.
@@ -66,6 +68,9 @@ impl Place {
             rect(high, -x, -y),
         ];
         self.things.push((name.to_owned(), sides.to_vec()));
+        for (x, z) in [(low.x, low.z), (low.x, high.z), (high.x, low.z), (high.x, high.z)] {
+            self.upright.push((Vec3::new(x, low.y, z), d.y));
+        }
         for (axis, lines) in self.lines.iter_mut().enumerate() {
             lines.extend([low[axis], high[axis]]);
         }
@@ -247,6 +252,7 @@ impl Place {
         let free = |p: Vec3| !tracer.occluded(&Ray { origin: p + normal * 2e-4, direction: sun, t_max: 1e3 });
         let (s, t) = normal.any_orthonormal_pair();
         free(p)
+            && !self.is_near_upright(p)
             && (0..48).all(|k| {
                 let (sin, cos) = (k as f32 * 0.130_9).sin_cos();
                 AROUND.iter().all(|r| {
@@ -254,6 +260,17 @@ impl Place {
                     free(q) || !tracer.segment_clear(p + normal * 2e-4, q + normal * 2e-4)
                 })
             })
+    }
+}
+
+impl Place {
+    /// A shadow may begin at an upright edge, and texels there rightly hold a part of it.
+    fn is_near_upright(&self, p: Vec3) -> bool {
+        self.upright.iter().any(|(foot, height)| {
+            let foot = self.world(*foot);
+            let on = foot + Vec3::Y * (p.y - foot.y).clamp(0.0, *height);
+            on.distance(p) < AROUND[0]
+        })
     }
 }
 
