@@ -13,10 +13,12 @@ mod plan;
 mod power;
 mod refine;
 mod solve;
+mod thin;
 mod write;
 
 use crate::atlas::{self, Atlas};
 use crate::base::{Progress, Rgb, Warned, Warning, parallel};
+use crate::contacts;
 use crate::finish::{self, Errors, Lightmap};
 use crate::gather;
 use crate::output::{self, report};
@@ -117,7 +119,10 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     let settings = &request.settings;
     let mut clock = Clock::new(observer, progress);
     let loaded = clock.timed("load", |_| load(&request.input, settings))??;
-    let (scene, mut warnings) = (loaded.output, loaded.warnings);
+    let (mut scene, mut warnings) = (loaded.output, loaded.warnings);
+    if settings.cut_contacts {
+        scene = clock.timed("contacts", |_| contacts::cut(scene, &contacts_settings(settings)))?;
+    }
     let tracer = clock.timed("trace", |_| Tracer::new(&scene))?;
     let flag = clock.progress.cancel_flag();
     let charted = clock.timed("atlas", |_| atlas::build(&scene, &atlas_settings(settings, flag)))??;
@@ -157,6 +162,10 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     };
     let mut solution = refine::refine(&setup, &groups, &mut clock, &rehearse)?;
     warnings.append(&mut solution.warnings);
+    if !to_vertices {
+        let light = solution.halves.irradiance();
+        warnings.extend(thin::warnings(&tracer, &atlas, &patches, &light, settings.cut_contacts));
+    }
     let mut results = clock.timed("finish", |progress| finished(&solution, progress))?;
     if to_vertices {
         clock.timed("vertices", |progress| fitted(&mut results, progress))?;
@@ -179,6 +188,11 @@ fn load(input: &Path, settings: &Settings) -> Result<Warned<Scene>, scene::Error
         loaded.output.document.files_read.push(path.clone());
     }
     Ok(loaded)
+}
+
+fn contacts_settings(settings: &Settings) -> contacts::Settings {
+    let keep_uv = settings.atlas_uv() == atlas::Uv::Keep;
+    contacts::Settings { texels_per_meter: settings.texels_per_meter, keep_uv }
 }
 
 fn atlas_settings(settings: &Settings, cancel: Arc<std::sync::atomic::AtomicBool>) -> atlas::Settings {
@@ -268,5 +282,6 @@ fn stored(quantity: Quantity) -> f32 {
 fn on_pages(setup: &solve::Setup<'_>, pages: u32, values: &[Rgb], factor: f32) -> Lightmap {
     let mut lightmap = finish::assemble(setup.patches, pages, values, factor);
     finish::fill(setup.patches, &mut lightmap, setup.settings.mips, setup.settings.padding);
+    finish::fill_hidden(setup.patches, &mut lightmap);
     lightmap
 }

@@ -4,14 +4,15 @@
 //! # The pipeline
 //!
 //! ```text
-//! scene ─► atlas ─► patches ─► light ─► walk ─► gather ─► finish ─► seams ─► (vertices) ─► output ─► (html)
-//! glTF     xatlas    texels     direct   fuzzy    last      sharing   both      least        EXR, glTF,  page for
-//!          charts    + links    light    random   bounce    dilation  sides     squares      PNG, report people
-//!                                        walk     per texel            agree
+//! scene ─► (contacts) ─► atlas ─► patches ─► light ─► walk ─► gather ─► finish ─► seams ─► (vertices) ─► output ─► (html)
+//! glTF     cuts where    xatlas    texels     direct   fuzzy    last      sharing   both      least        EXR, glTF,  page for
+//!          things stand  charts    + links    light    random   bounce    dilation  sides     squares      PNG, report people
+//!                                                      walk     per texel            agree
 //! ```
 //!
 //! [`bake`] runs it and is the only code that names every stage. [`scene`] reads a glTF into world-space triangles;
-//! after it nothing is optional. [`trace`] answers what a ray meets. [`atlas`] gives every surface a place on a
+//! after it nothing is optional. [`trace`] answers what a ray meets. [`contacts`] cuts triangles along the foot of what
+//! stands on them, where that is asked for. [`atlas`] gives every surface a place on a
 //! lightmap page. [`patches`] makes every texel that a triangle touches a patch, and links neighbours that see each
 //! other. [`light`] finds direct light, [`walk`] all bounces, [`mod@gather`] the last bounce once more per texel.
 //! [`finish`] shares noisy light between neighbours, and fills pages beyond their charts; [`seams`] makes the two sides of
@@ -87,6 +88,7 @@ pub mod base;
 pub mod check;
 pub mod cli;
 pub mod compare;
+pub mod contacts;
 pub mod finish;
 pub mod gather;
 pub mod html;

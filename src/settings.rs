@@ -45,6 +45,17 @@ pub struct Options {
     /// Which lightmap UVs to use
     #[arg(long, value_enum, value_name = "MODE", help_heading = "Lightmap")]
     pub uv: Option<UvMode>,
+    /// Cut triangles, and charts, along the lines where other surfaces meet them, so that walls thinner than two texels
+    /// are tight; adds vertices [default: false]
+    #[arg(
+        long,
+        value_name = "BOOL",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "true",
+        help_heading = "Lightmap"
+    )]
+    pub cut_contacts: Option<bool>,
     /// What a texel holds
     #[arg(long, value_enum, value_name = "QUANTITY", help_heading = "Lightmap")]
     pub quantity: Option<Quantity>,
@@ -207,6 +218,9 @@ pub struct Settings {
     pub mips: u32,
     /// Which UVs.
     pub uv: UvMode,
+    /// Triangles are cut where other surfaces meet them.
+    #[serde(skip_serializing_if = "core::ops::Not::not")]
+    pub cut_contacts: bool,
     /// What a texel holds.
     pub quantity: Quantity,
     /// Files of every page, each once; the first is the lightmap of the glTF.
@@ -332,6 +346,7 @@ impl Options {
             padding,
             mips,
             uv,
+            cut_contacts,
             quantity,
             format,
             exr_image,
@@ -385,6 +400,7 @@ impl Options {
             padding: within("--padding", self.padding.unwrap_or(2), 0, 64)?,
             mips: within("--mips", self.mips.unwrap_or(0), 0, MOST_MIPS)?.max(self.least_mips()),
             uv: self.uv.unwrap_or(UvMode::Auto),
+            cut_contacts: self.cut_contacts.unwrap_or(false),
             quantity: self.quantity.unwrap_or(Quantity::Radiosity),
             format: self.formats()?,
             exr_image: self.exr_image.unwrap_or(false),
@@ -450,6 +466,7 @@ impl Settings {
             ("--unlit", self.unlit),
         ];
         let for_lightmaps = [
+            ("--cut-contacts", self.cut_contacts),
             ("--aov", !self.aov.is_empty()),
             ("--directional", self.is_directional()),
             ("--light-groups", self.light_groups),

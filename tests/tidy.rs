@@ -11,6 +11,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("base", &[]),
     ("scene", &["base"]),
     ("trace", &["base", "scene"]),
+    ("contacts", &["base", "scene", "trace"]),
     ("atlas", &["base", "scene"]),
     ("patches", &["base", "scene", "trace", "atlas"]),
     ("light", &["base", "scene", "trace", "patches"]),

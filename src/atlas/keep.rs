@@ -1,4 +1,5 @@
-//! Keeps a `TEXCOORD_1` that is a usable lightmap layout, as one rigid block per node.
+//! Keeps a `TEXCOORD_1` that is a usable lightmap layout, as one rigid block per node. Parts that were cut at contacts are
+//! charted anew: their layout has texels on both sides.
 //!
 //! The primitives of a node's mesh are laid out together if they share one layout, else one by one. The block is scaled
 //! alike in both directions so that its mean density is the wanted one. Usable means: finite, inside [0, 1]², no place
@@ -57,7 +58,7 @@ pub(super) fn kept_blocks(scene: &Scene, settings: &Settings, guard: &Guard) -> 
     }
     let candidate = |p: &usize| {
         let part = &scene.parts[*p];
-        part.receives && part.has_uv1 && !part.triangles.is_empty()
+        part.receives && part.has_uv1 && !part.triangles.is_empty() && !scene.is_cut(*p)
     };
     let candidates: Vec<usize> = (0..scene.parts.len()).filter(candidate).collect();
     let groups: Vec<&[usize]> = candidates

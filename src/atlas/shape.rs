@@ -155,7 +155,8 @@ impl BitMap {
     /// Sets the bits [from, to) of a row, as far as they lie on the map.
     pub(super) fn set(&mut self, y: u32, from: u32, to: u32) {
         let to = to.min(self.width);
-        if from >= to {
+        // A needle without height on the grid may lie on the last border.
+        if from >= to || (y as usize + 1) * self.stride > self.words.len() {
             return;
         }
         let row = &mut self.words[y as usize * self.stride..(y as usize + 1) * self.stride];

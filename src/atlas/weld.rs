@@ -6,7 +6,7 @@
 //!
 //! Copies of a triangle (same three positions) go to separate layers, so that each copy is charted and no edge becomes
 //! non-manifold because of a copy. Of the other edges with more than two triangles (a wall standing on a floor) the
-//! pair that continues straightest is joined.
+//! pair that continues straightest is joined. Faces on the two sides of a contact that was cut are no neighbours.
 
 use super::part_triangles;
 use crate::scene::Part;
@@ -80,6 +80,7 @@ impl Surface {
         };
         surface.measure();
         surface.connect();
+        surface.part_at_borders(scene, part, &source);
         for f in 0..source.len() {
             for k in 0..3 {
                 surface.soft[f][k] = surface.is_soft(scene, part, &source, f, k);
@@ -151,6 +152,28 @@ impl Surface {
                 [_] => {}
                 [a, b] => self.join(a.3, b.3),
                 fan => self.join_straightest(fan),
+            }
+        }
+    }
+
+    /// No face has a neighbour across an edge where a contact was cut.
+    fn part_at_borders(&mut self, scene: &Scene, part: &Part, source: &[[u32; 3]]) {
+        if scene.cuts.borders.is_empty() {
+            return;
+        }
+        let first = part.vertices.start;
+        let sorted = |(a, b): (u32, u32)| (a.min(b), a.max(b));
+        let mut borders = vec![];
+        for (f, corners) in (0u32..).zip(source) {
+            let cut = |k: &usize| scene.cuts.is_border(corners[*k] + first, corners[(*k + 1) % 3] + first);
+            borders.extend((0..3).filter(cut).map(|k| sorted(self.edge(f, k))));
+        }
+        borders.sort_unstable();
+        for f in 0..self.faces.len() as u32 {
+            for k in 0..3 {
+                if borders.binary_search(&sorted(self.edge(f, k))).is_ok() {
+                    self.neighbor[f as usize][k] = NONE;
+                }
             }
         }
     }

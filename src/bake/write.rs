@@ -231,6 +231,11 @@ impl Facts<'_> {
                 utilization: atlas.utilization(),
                 mip_levels: atlas.mips,
             },
+            contacts: request.settings.cut_contacts.then_some(report::Contacts {
+                triangles_cut: scene.cuts.cut,
+                triangles_made: scene.cuts.made,
+                lines_continued: scene.cuts.continued,
+            }),
             walk: solution.power,
             gather: report::Gather {
                 rays: solution.gather_rays,

@@ -4,12 +4,14 @@ mod assemble;
 mod cells;
 mod dilate;
 mod fill;
+mod hidden;
 mod network;
 mod share;
 
 pub use assemble::assemble;
 pub use dilate::dilate;
 pub use fill::{fill, refill};
+pub use hidden::fill_hidden;
 pub use share::{Along, Errors, share};
 
 /// One page of a lightmap, row-major, row 0 = v 0.

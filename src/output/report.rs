@@ -25,6 +25,8 @@ pub struct Report {
     pub scene: SceneCounts,
     /// Where it lies on the pages.
     pub atlas: AtlasCounts,
+    /// What `--cut-contacts` did; `null` without it.
+    pub contacts: Option<Contacts>,
     /// The walk and its balance of power.
     pub walk: Walk,
     /// The final gather.
@@ -81,6 +83,17 @@ pub struct AtlasCounts {
     pub utilization: f64,
     /// Mip levels in which charts do not mix.
     pub mip_levels: u32,
+}
+
+/// Triangles cut where other surfaces meet them.
+#[derive(Debug, Clone, Copy, Default, serde::Serialize)]
+pub struct Contacts {
+    /// Triangles that were cut.
+    pub triangles_cut: u64,
+    /// Triangles that were made from them.
+    pub triangles_made: u64,
+    /// Thin walls whose line was continued to the border of the floor.
+    pub lines_continued: u64,
 }
 
 /// The walk. Powers are linear Rec.709 [lm]; in = absorbed + escaped + residual.
@@ -235,6 +248,7 @@ mod tests {
             refinement: Refinement { passes: vec![Pass::default()], ..Refinement::default() },
             light_groups: vec![LightGroup { name: String::new(), files: vec![String::new()] }],
             directional: vec![DirectionalTexture { name: String::new(), files: vec![String::new()] }],
+            contacts: Some(Contacts::default()),
             vertices: Some(Vertices::default()),
             stages: vec![Stage::default()],
             warnings: vec![Warning::new("some-code", "text").at("node 3")],
@@ -244,7 +258,8 @@ mod tests {
         let value: serde_json::Value = serde_json::from_slice(&bytes).unwrap();
         assert_eq!(
             keys(&value),
-            "{atlas{charts,page_size[],pages,texels,utilization},directional[{files[],name}],error{estimated_nrmse},gather{rays,rays_per_texel},\
+            "{atlas{charts,mip_levels,page_size[],pages,texels,utilization},contacts{lines_continued,triangles_cut,triangles_made},\
+             directional[{files[],name}],error{estimated_nrmse},gather{rays,rays_per_texel},\
              inputs,light_groups[{files[],name}],outputs,peak_memory_bytes,rays,rays_per_second,\
              refinement{ended_by,passes[{budget,estimated_nrmse,seconds}],target_error,time_limit},scene{instances,lights,materials,triangles},schema,seams{points,step,step_before,worst,worst_at[]},\
              settings{},stages[{name,seconds}],version,vertices{averaged_nrmse,fit_nrmse,sampled_nrmse,triangles,unknowns,vertices},walk{bounces,lines,power_absorbed[],power_escaped[],power_in[],\

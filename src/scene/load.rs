@@ -85,6 +85,7 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         sky: settings.sky,
         environment: None,
         cameras,
+        cuts: super::Cuts::default(),
     };
     warnings.iter_mut().for_each(|w| w.message = error::one_line(&w.message));
     Ok(Warned { output: scene, warnings })

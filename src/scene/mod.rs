@@ -4,7 +4,7 @@
 //! (also under mirrored transforms), normals and vertex colours exist, units are glTF's photometric ones.
 //!
 //! Vertex k of a [`Part`] is element k of the accessors of its primitive, so that `output` can copy attributes by
-//! index.
+//! index. Vertices behind those come from cuts ([`Cuts`]).
 //!
 //! [`load()`] is the only entry; the order of its steps is `load.rs`. The reader is our own, see [`schema`] for why.
 //! Every number of a document is checked where it is used: a document can be refused, but it cannot cause a panic, an
@@ -32,6 +32,7 @@ mod load;
 mod material;
 mod meshopt;
 mod nodes;
+mod origin;
 mod pose;
 mod primitive;
 mod punctual;
@@ -48,6 +49,7 @@ pub use group::Groups;
 pub use light::{Light, Sky};
 pub use load::{Settings, load, load_bytes};
 pub use material::{Alpha, Material, TextureRef};
+pub use origin::{Cuts, Origin};
 pub use texture::{Texture, Wrap};
 
 use core::ops::Range;
@@ -80,6 +82,8 @@ pub struct Scene {
     pub environment: Option<Environment>,
     /// Cameras in world space.
     pub cameras: Vec<Camera>,
+    /// How it differs from the document: triangles that were cut after reading it.
+    pub cuts: Cuts,
 }
 
 /// Vertex attributes in world space, structure of arrays, all of the same length.

@@ -50,6 +50,15 @@ impl Scene {
         if n.dot(geometric) > 0.0 { n } else { geometric }
     }
 
+    /// A part has vertices that its document lacks, or edges over which no chart may go.
+    #[must_use]
+    pub fn is_cut(&self, part: usize) -> bool {
+        let vertices = &self.parts[part].vertices;
+        let first = self.cuts.borders.partition_point(|b| b[0] < vertices.start);
+        let bordered = self.cuts.borders.get(first).is_some_and(|b| b[0] < vertices.end);
+        bordered || self.cuts.origins_of(part).is_some()
+    }
+
     /// The part that a triangle belongs to.
     #[must_use]
     pub fn part(&self, triangle: u32) -> &Part {

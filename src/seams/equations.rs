@@ -319,9 +319,14 @@ fn own(patches: &Patches, texel: u32) -> (f64, Option<Demand>) {
     (HOLD, Some(demand))
 }
 
-/// A texel, and the two next ones across the border, on one line.
+/// A texel, and the two next ones across the border, on one line. Beside surface that something stands on there is none:
+/// it could join the two sides of a wall.
 fn straight(patches: &Patches, texel: u32, open: impl Fn(i32, i32) -> Option<usize>) -> Option<Demand> {
     let width = patches.page_size[0] as i32;
+    let hidden = |i: usize| patches.exposed[i] < 1.0;
+    if patches_around(patches, texel).any(hidden) {
+        return None;
+    }
     let (dx, dy) = AROUND.into_iter().find(|&(dx, dy)| {
         let [near, far] = [open(dx, dy), open(2 * dx, 2 * dy)];
         near.zip(far).is_some_and(|(a, b)| patches.chart(a) == patches.chart(b))
@@ -331,6 +336,13 @@ fn straight(patches: &Patches, texel: u32, open: impl Fn(i32, i32) -> Option<usi
     demand.texel[..3].copy_from_slice(&[texel, step(1), step(2)]);
     demand.factor[..3].copy_from_slice(&[1.0, -2.0, 1.0]);
     Some(demand)
+}
+
+/// The patches in a texel and the eight around it.
+fn patches_around(patches: &Patches, texel: u32) -> impl Iterator<Item = usize> + '_ {
+    let [width, height] = patches.page_size;
+    let (page, x, y) = (texel / (width * height), (texel % width) as i32, (texel / width % height) as i32);
+    (0..9).filter_map(move |k| patches.front_at(page, x + k % 3 - 1, y + k / 3 - 1))
 }
 
 /// Demands and places in them by unknown.

@@ -84,7 +84,8 @@ fn cotangent(at: DVec3, a: DVec3, b: DVec3) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::mesh::{Element, Origin, Vertex};
+    use super::super::mesh::{Element, Vertex};
+    use crate::scene::Origin;
     use super::*;
     use glam::DVec2;
 

@@ -9,18 +9,10 @@ use crate::atlas::Atlas;
 use crate::atlas::NO_CHART;
 use crate::base::Rgb;
 use crate::patches::NO_PATCH;
+use crate::scene::Origin;
 use crate::scene::Scene;
 use glam::DVec2;
 use glam::DVec3;
-
-/// A point of a source triangle: weights over three source vertices of its part, which add up to one.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Origin {
-    /// Source vertices within the part (= accessor elements).
-    pub source: [u32; 3],
-    /// Their weights.
-    pub weight: [f32; 3],
-}
 
 /// A corner that triangles of one part share.
 #[derive(Debug, Clone, Copy)]
@@ -53,42 +45,6 @@ pub(super) struct Mesh {
     pub(super) elements: Vec<Element>,
     /// Vertices that the source has.
     pub(super) original: usize,
-}
-
-impl Origin {
-    /// A vertex of the source.
-    #[must_use]
-    pub fn source(vertex: u32) -> Self {
-        Self { source: [vertex; 3], weight: [1.0, 0.0, 0.0] }
-    }
-
-    /// It is a vertex of the source itself.
-    #[must_use]
-    pub fn is_source(&self) -> bool {
-        self.weight[0] == 1.0
-    }
-
-    /// The vertices that count, with their weights.
-    fn terms(&self) -> impl Iterator<Item = (u32, f32)> + '_ {
-        self.source.into_iter().zip(self.weight).filter(|(_, w)| *w > 0.0)
-    }
-
-    /// Half way between two points of one source triangle.
-    pub(super) fn middle(a: &Self, b: &Self) -> Self {
-        let mut all: Vec<(u32, f32)> = vec![];
-        for (source, weight) in a.terms().chain(b.terms()) {
-            match all.iter_mut().find(|(s, _)| *s == source) {
-                Some((_, sum)) => *sum += 0.5 * weight,
-                None => all.push((source, 0.5 * weight)),
-            }
-        }
-        all.sort_unstable_by_key(|(source, _)| *source);
-        let mut out = Self { source: [all.first().map_or(0, |t| t.0); 3], weight: [0.0; 3] };
-        for (k, (source, weight)) in all.into_iter().take(3).enumerate() {
-            (out.source[k], out.weight[k]) = (source, weight);
-        }
-        out
-    }
 }
 
 impl Element {
@@ -152,21 +108,5 @@ impl Mesh {
             parts[part as usize].triangles.push(element.corners.map(|v| local[v as usize]));
         }
         parts
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn middles_of_middles_keep_their_weights() {
-        let [a, b, c] = [4, 2, 9].map(Origin::source);
-        let ab = Origin::middle(&a, &b);
-        assert_eq!((ab.source, ab.weight), ([2, 4, 2], [0.5, 0.5, 0.0]));
-        let inner = Origin::middle(&ab, &c);
-        assert_eq!((inner.source, inner.weight), ([2, 4, 9], [0.25, 0.25, 0.5]));
-        assert_eq!(Origin::middle(&inner, &ab).weight.iter().sum::<f32>(), 1.0);
-        assert!(a.is_source() && !ab.is_source() && Origin::middle(&a, &a).is_source());
     }
 }

@@ -28,7 +28,7 @@ mod refine;
 mod system;
 mod weld;
 
-pub use mesh::Origin;
+pub use crate::scene::Origin;
 
 use crate::atlas::Atlas;
 use crate::base::Progress;

@@ -14,9 +14,9 @@
 
 use super::mesh::Element;
 use super::mesh::Mesh;
-use super::mesh::Origin;
 use super::mesh::Vertex;
 use super::weld;
+use crate::scene::Origin;
 use std::collections::BTreeMap;
 use std::collections::BTreeSet;
 

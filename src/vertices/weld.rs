@@ -80,7 +80,7 @@ pub(super) fn unknowns(vertices: &[Vertex], (place, places): &(Vec<u32>, usize))
 
 #[cfg(test)]
 mod tests {
-    use super::super::mesh::Origin;
+    use crate::scene::Origin;
     use super::*;
 
     fn vertex(position: [f64; 3], normal: [f64; 3]) -> Vertex {

@@ -7,7 +7,7 @@
 
 use super::append::component_size;
 use crate::scene::AccessorData;
-use crate::vertices::Origin;
+use crate::scene::Origin;
 
 /// What to do with an attribute.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

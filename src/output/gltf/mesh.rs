@@ -2,7 +2,8 @@
 //!
 //! A primitive whose vertices stay as they are keeps its accessors and indices and gains `TEXCOORD_n`. One whose
 //! vertices were split gets all attributes and morph targets again, element by element, byte for byte in their
-//! component type, and its triangles as a list; one that was compressed by Draco, too. One that lies on several pages becomes one primitive per page, with
+//! component type, and its triangles as a list; so does one that was compressed by Draco. Vertices that cuts added are
+//! interpolated (`interpolate`). One that lies on several pages becomes one primitive per page, with
 //! common attributes. Everything else of it (extras, extensions, material variants) is carried over.
 //!
 //! Triangles without a chart (no area) stay, on the first page. Two instances that split a primitive alike share what
@@ -10,6 +11,7 @@
 
 use super::append::Append;
 use super::append::component_size;
+use super::interpolate::extended;
 use super::material::Assigned;
 use super::material::Use;
 use super::plan;
@@ -23,6 +25,7 @@ use crate::output::Error;
 use crate::output::splice::Element;
 use crate::output::splice::Fault;
 use crate::output::splice::Splice;
+use crate::scene::Origin;
 use crate::scene::Scene;
 use std::collections::BTreeMap;
 
@@ -48,8 +51,16 @@ pub(super) struct Meshes<'a> {
 /// A way in which a primitive was split or cut into pages.
 struct Split<'a> {
     source_vertex: &'a [u32],
+    /// Where the vertices come from, if triangles were cut.
+    origins: Option<&'a [Origin]>,
     /// Index lists written so far, with their accessors.
     indices: Vec<(Vec<u32>, usize)>,
+}
+
+impl Split<'_> {
+    fn is(&self, source_vertex: &[u32], origins: Option<&[Origin]>) -> bool {
+        self.source_vertex == source_vertex && self.origins == origins
+    }
 }
 
 impl<'a> Meshes<'a> {
@@ -176,12 +187,13 @@ impl<'a> Meshes<'a> {
     fn split_of(&mut self, baked: &Baked) -> usize {
         let part = &self.scene.parts[baked.part];
         let source_vertex = self.atlas.parts[baked.part].source_vertex.as_slice();
+        let origins = self.scene.cuts.origins_of(baked.part);
         let known = self.splits_of.entry((part.mesh, part.primitive)).or_default();
-        if let Some(&same) = known.iter().find(|&&s| self.splits[s].source_vertex == source_vertex) {
+        if let Some(&same) = known.iter().find(|&&s| self.splits[s].is(source_vertex, origins)) {
             return same;
         }
         known.push(self.splits.len());
-        self.splits.push(Split { source_vertex, indices: Vec::new() });
+        self.splits.push(Split { source_vertex, origins, indices: Vec::new() });
         self.splits.len() - 1
     }
 
@@ -192,7 +204,10 @@ impl<'a> Meshes<'a> {
         }
         let picked = self.splits[split].source_vertex;
         let old = self.elements.accessors.get(source).ok_or_else(|| self.missing(baked, name))?;
-        let data = self.scene.document.accessor(source)?;
+        let mut data = self.scene.document.accessor(source)?;
+        if let Some(origins) = self.splits[split].origins {
+            data = extended(&data, name, origins).ok_or_else(|| self.missing(baked, name))?;
+        }
         let complete = data.bytes.len() >= data.count * data.components * component_size(data.component_type);
         if !complete || picked.iter().any(|&v| v as usize >= data.count) {
             return Err(self.missing(baked, name));

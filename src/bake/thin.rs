@@ -1,0 +1,113 @@
+//! Warns of walls that are too thin for the texels: look-ups on one side read light from the other.
+//!
+//! In: patches with their light. Out: a warning (`thin-wall`) for each node on which dark texels lie beside lit ones of the
+//! same chart that they cannot see, so near that a look-up mixes both: neighbours, or with one texel between them that both
+//! sides read. `check` looks closer (`leaks`, `dark-strip`), at points instead of texels.
+
+use crate::atlas::Atlas;
+use crate::base::{Rgb, Warning, parallel};
+use crate::patches::{COS_FACING, HEIGHTS, Patches};
+use crate::trace::{Ray, Tracer};
+use std::collections::BTreeMap;
+
+/// Light over that on the other side, below which a texel is dark.
+const DARK: f32 = 0.01;
+/// Light over the mean, below which nothing is lit.
+const LIT: f32 = 0.05;
+/// Texels per chunk of work.
+const CHUNK: usize = 1024;
+
+/// Two texels, the lit one first.
+type Pair = (usize, usize);
+
+/// What is odd with the light of the front patches.
+pub(super) fn warnings(
+    tracer: &Tracer<'_>,
+    atlas: &Atlas,
+    patches: &Patches,
+    light: &[Rgb],
+    cut_contacts: bool,
+) -> Vec<Warning> {
+    let sum = parallel::sum(patches.front, |i| f64::from(light[i].max_element()));
+    let least = LIT * (sum / (patches.front as f64).max(1.0)) as f32;
+    let look = Look { tracer, patches, light, least };
+    let chunks = parallel::map_chunks(patches.front, CHUNK, |range| range.flat_map(|i| look.pairs(i)).collect());
+    let all: Vec<Pair> = chunks.into_iter().flat_map(|chunk: Vec<Pair>| chunk).collect();
+    let scene = tracer.scene();
+    let mut by_node: BTreeMap<usize, Vec<Pair>> = BTreeMap::new();
+    for pair in all {
+        let part = atlas.charts[patches.chart(pair.0) as usize].part;
+        by_node.entry(scene.parts[part as usize].node).or_default().push(pair);
+    }
+    let name = |node: usize| scene.parts.iter().find(|p| p.node == node).map_or("", |p| p.name.as_str());
+    by_node.into_iter().map(|(node, pairs)| warning(name(node), &look, &pairs, cut_contacts)).collect()
+}
+
+fn warning(node: &str, look: &Look<'_>, pairs: &[Pair], cut_contacts: bool) -> Warning {
+    let brightness = |p: &Pair| look.light[p.0].max_element();
+    let worst = pairs.iter().fold(pairs[0], |worst, p| if brightness(p) > brightness(&worst) { *p } else { worst });
+    let [x, y, z] = look.patches.position[worst.1].to_array();
+    let advice = if cut_contacts { "" } else { "--cut-contacts, " };
+    let message = format!(
+        "something thinner than two texels parts light from dark, so light leaks in {} places, first of all at ({x:.2}, \
+         {y:.2}, {z:.2}) m; use {advice}more texels per metre, or thicker walls",
+        pairs.len()
+    );
+    Warning::new("thin-wall", message).at(node)
+}
+
+struct Look<'a> {
+    tracer: &'a Tracer<'a>,
+    patches: &'a Patches,
+    light: &'a [Rgb],
+    /// Below it nothing is lit.
+    least: f32,
+}
+
+impl Look<'_> {
+    /// Texels to the right of a texel, and below, that it is mixed with and parted from.
+    fn pairs(&self, i: usize) -> Vec<Pair> {
+        let patches = self.patches;
+        let (page, (x, y)) = (patches.page(i), patches.texel_xy(i));
+        let at = |axis: usize, steps: i32| {
+            let (dx, dy) = if axis == 0 { (steps, 0) } else { (0, steps) };
+            patches.front_at(page, x as i32 + dx, y as i32 + dy).filter(|&j| patches.chart(j) == patches.chart(i))
+        };
+        let mut pairs = vec![];
+        for axis in [0, 1] {
+            let Some(next) = at(axis, 1) else { continue };
+            pairs.extend(self.parted(i, next));
+            let Some(after) = at(axis, 2) else { continue };
+            let read = |j: usize, low: bool| self.reaches(j, axis, low);
+            if patches.exposed[next] > 0.0 || (read(i, false) && read(after, true)) {
+                pairs.extend(self.parted(i, after));
+            }
+        }
+        pairs
+    }
+
+    /// Exposed surface lies in the lower or upper half of a texel, so that look-ups there read the texel beyond.
+    fn reaches(&self, j: usize, axis: usize, low: bool) -> bool {
+        let mut found = false;
+        self.patches.cells(j, 2, |_, within, _| found |= (within[axis] < 0.5) == low);
+        found
+    }
+
+    /// One texel is lit, the other is dark, and they cannot see each other.
+    fn parted(&self, i: usize, j: usize) -> Option<Pair> {
+        let patches = self.patches;
+        let (a, b) = (self.light[i].max_element(), self.light[j].max_element());
+        let open = patches.exposed[i] > 0.0 && patches.exposed[j] > 0.0;
+        if !open || a.max(b) <= self.least || a.min(b) >= DARK * a.max(b) {
+            return None;
+        }
+        let edge = patches.texel_edge(i).min(patches.texel_edge(j));
+        let blocked = HEIGHTS.iter().all(|height| {
+            let origin = patches.position[i] + patches.normal[i] * (height * edge);
+            let target = patches.position[j] + patches.normal[j] * (height * edge);
+            self.tracer.occluded(&Ray { origin, direction: target - origin, t_max: 1.0 })
+        });
+        let facing = patches.normal[i].dot(patches.normal[j]) >= COS_FACING;
+        (blocked && facing).then_some(if a > b { (i, j) } else { (j, i) })
+    }
+}
