@@ -254,7 +254,7 @@ impl Place {
         free(p)
             && !self.is_near_upright(p)
             && (0..48).all(|k| {
-                let (sin, cos) = (k as f32 * 0.130_9).sin_cos();
+                let (sin, cos) = libm::sincosf(k as f32 * 0.130_9);
                 AROUND.iter().all(|r| {
                     let q = p + (s * cos + t * sin) * *r;
                     free(q) || !tracer.segment_clear(p + normal * 2e-4, q + normal * 2e-4)
