@@ -242,8 +242,8 @@ fn results(
         lightmap
     };
     let finish = |values: &[Rgb]| stitched(on_pages(setup, atlas.pages, values, factor));
-    let finished: Vec<Lightmap> = solution.groups.iter().map(|values| finish(values)).collect();
-    let lightmap = if finished.is_empty() { stitched(unstitched) } else { sum(&finished) };
+    let finished: Vec<Lightmap> = solution.groups.iter().map(|values| lit(finish(values))).collect();
+    let lightmap = if finished.is_empty() { lit(stitched(unstitched)) } else { sum(&finished) };
     // A single group is the whole; it gets its file all the same where groups are asked for.
     let maps = if finished.is_empty() { vec![lightmap.clone(); usize::from(settings.light_groups)] } else { finished };
     let vectors = solution.halves.light_vectors();
@@ -268,6 +268,15 @@ fn sum(lightmaps: &[Lightmap]) -> Lightmap {
         }
     }
     sum
+}
+
+/// Light without what is less than none: which texels seams may darken no further is found for the sum of the channels,
+/// so that all layers are stitched alike, and a single channel can end just below zero.
+fn lit(mut lightmap: Lightmap) -> Lightmap {
+    for pixel in lightmap.pages.iter_mut().flat_map(|page| &mut page.pixels) {
+        (0..3).for_each(|c| pixel[c] = pixel[c].max(0.0));
+    }
+    lightmap
 }
 
 /// What is stored for an irradiance of 1 lx.
