@@ -85,8 +85,8 @@ fn cotangent(at: DVec3, a: DVec3, b: DVec3) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::super::mesh::{Element, Vertex};
-    use crate::scene::Origin;
     use super::*;
+    use crate::scene::Origin;
     use glam::DVec2;
 
     /// Two triangles over the edge 0–1; `lift` raises the fourth corner out of the plane.

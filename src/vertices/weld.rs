@@ -80,8 +80,8 @@ pub(super) fn unknowns(vertices: &[Vertex], (place, places): &(Vec<u32>, usize))
 
 #[cfg(test)]
 mod tests {
-    use crate::scene::Origin;
     use super::*;
+    use crate::scene::Origin;
 
     fn vertex(position: [f64; 3], normal: [f64; 3]) -> Vertex {
         let (position, normal) = (DVec3::from(position), DVec3::from(normal).normalize());
