@@ -17,7 +17,9 @@ area. charts: triangles that hang together on the page; per mesh. Seconds are of
 """
 
 import argparse
+import contextlib
 import json
+import os
 import subprocess
 import sys
 import time
@@ -35,6 +37,8 @@ import numpy  # noqa: E402 (the environment comes first)
 
 SCENES = ("cornell/cornell.gltf", "office/office.glb", "room/room.glb", "courtyard/courtyard.gltf", "two-rooms/two-rooms.glb",
           "chairs/chairs.glb", "primitives/primitives.gltf", "freedoom/freedoom-map01.glb")
+# A level of a game covers a hundred times the area of a room.
+FACTOR = {"freedoom/freedoom-map01.glb": 0.25}
 # Rays enough to get files, not for light.
 BARE = ("--padding", "0", "--mips", "0")
 NO_LIGHT = ("--gather", "0", "--lines-per-texel", "0.01", "--direct-samples", "1", "-q")
@@ -130,7 +134,7 @@ def baked_layout(path, seconds):
 
 def texelwalk(binary, scene, density, folder, options=()):
     report = folder / "report.json"
-    command = [binary, "bake", scene, "-o", f"{folder}/", "--report", report, "--uv", "generate", "--texels-per-meter", density,
+    command = [binary, "bake", scene, "-o", f"{folder}/", "--report", report, "--uv", "generate", "--texels-per-meter", str(density),
                *NO_LIGHT, *options]
     environment.run(f"baking {scene}", command)
     stages = json.loads(report.read_text(encoding="utf-8"))["stages"]
@@ -172,6 +176,20 @@ def run_xatlas(source, target):
     numpy.savez(target, flat=flat, pages=count, size=size, seconds=seconds)
 
 
+@contextlib.contextmanager
+def quiet():
+    """What Blender prints as it goes does not get between the rows."""
+    sys.stdout.flush()
+    kept, nothing = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nothing, 1)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nothing)
+
+
 def blender(layout, density):
     import bpy
 
@@ -184,7 +202,8 @@ def blender(layout, density):
     bpy.context.view_layer.objects.active = thing
     thing.select_set(True)
     start = time.perf_counter()
-    bpy.ops.uv.lightmap_pack(PREF_CONTEXT="ALL_FACES", PREF_NEW_UVLAYER=True)
+    with quiet():
+        bpy.ops.uv.lightmap_pack(PREF_CONTEXT="ALL_FACES", PREF_NEW_UVLAYER=True)
     seconds = time.perf_counter() - start
     flat = numpy.zeros(len(points) * 2)
     mesh.uv_layers[-1].data.foreach_get("uv", flat)
@@ -229,19 +248,19 @@ def main():
     parser.add_argument("--scene", choices=[Path(s).parent.name for s in SCENES], help="this one alone")
     parser.add_argument("--triangles", type=int, default=1_000_000, help="of the smooth surface; 0 leaves it out")
     arguments = parser.parse_args()
-    # Blender prints as it goes, so the table comes at the end.
-    lines = ["| scene | triangles | by | used | spread | charts per mesh | pages | seconds |", "|---|---|---|---|---|---|---|---|"]
+    print("| scene | triangles | by | used | spread | charts per mesh | pages | seconds |\n|---|---|---|---|---|---|---|---|")
     for scene in (s for s in SCENES if arguments.scene in (None, Path(s).parent.name)):
         folder = arguments.out / Path(scene).stem
         folder.mkdir(parents=True, exist_ok=True)
-        source, density = str(environment.ROOT / "fixtures" / scene), float(arguments.density)
-        ours, bare = (texelwalk(arguments.binary, source, arguments.density, folder, options) for options in ((), BARE))
+        source = str(environment.ROOT / "fixtures" / scene)
+        density = float(arguments.density) * FACTOR.get(scene, 1.0)
+        ours, bare = (texelwalk(arguments.binary, source, density, folder, options) for options in ((), BARE))
         layouts = {"texelwalk": ours, "texelwalk, bare": bare, "xatlas": xatlas(ours, density, folder), "Lightmap Pack": blender(ours, density)}
         for name, layout in layouts.items():
             used, spread, per_mesh, pages, size, seconds = layout.row()
             page = f"{pages} of {size[0]:.0f} × {size[1]:.0f}"
-            lines.append(f"| {Path(scene).parent} | {len(ours.world)} | {name} | {used:.0%} | {spread:.2f} | {per_mesh:.1f} | {page} | {seconds:.2f} |")
-    print("\n".join(lines))
+            print(f"| {Path(scene).parent} | {len(ours.world)} | {name} | {used:.0%} | {spread:.2f} | {per_mesh:.1f} | {page} | {seconds:.2f} |",
+                  flush=True)
     if arguments.triangles:
         million(arguments.binary, arguments.out, arguments.triangles)
 

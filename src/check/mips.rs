@@ -69,10 +69,12 @@ impl Owners {
 
     /// Gives the texels beside charts to the chart whose look-ups alone read them.
     fn take(&mut self, subject: &Subject<'_>, page: u32, cells: &Cells) {
-        for (i, chart) in self.chart.iter_mut().enumerate() {
+        for (i, (chart, lit)) in self.chart.iter_mut().zip(&mut self.lit).enumerate() {
             let [x, y] = [i as i32 % self.width, i as i32 / self.width];
             let owner = cells.owner(page, [x as u32, y as u32]);
             if owner != NOBODY && owner != SEVERAL && subject.patches.front_at(page, x, y).is_none() {
+                // That what is nearest is lit says nothing of a chart farther away, whose light may be none.
+                *lit &= *chart == owner;
                 *chart = owner;
             }
         }
