@@ -62,10 +62,10 @@ fn assert_tight(what: &str, seen: Seen) {
 const THICK: &str = "texels-per-meter = 8.0\ngather = 8\nlines-per-texel = 4\npadding = 2";
 
 #[test]
-fn rooms_with_walls_of_two_texels_are_tight() {
+fn rooms_with_walls_of_two_and_a_half_texels_are_tight() {
     for walls in ALL {
         for (k, offset) in [0.0, 0.031, 0.056, 0.119].into_iter().enumerate() {
-            let mut place = room(walls, [1.4, 1.1], 0.25, offset);
+            let mut place = room(walls, [1.4, 1.1], 0.3125, offset);
             (place.turn, place.shift) = (0.37 * k as f32, Vec3::new(3.0, -1.0, 7.0) * k as f32);
             let baked = place.bake(THICK);
             assert_tight(&format!("{walls:?} {offset}"), place.look(&baked));
@@ -140,7 +140,7 @@ fn thin_walls_that_are_not_cut_are_warned_of_and_found() {
         assert!(measure.fault && !measure.places.is_empty(), "{measure:?}");
     }
     // Walls that are thick enough are not warned of.
-    let thick = room(Walls::Crossing, [0.9, 0.7], 0.25, 0.023).bake(THICK);
+    let thick = room(Walls::Touching, [0.9, 0.7], 0.3125, 0.023).bake(THICK);
     assert!(!thick.outcome.report.warnings.iter().any(|w| w.code == "thin-wall"));
 }
 

@@ -11,6 +11,8 @@
 //! constant stays constant.
 //!
 //! Limits: walls thinner than two texels are read from both sides, turned by 45° against the texels those thinner than 2√2.
+//! What is exposed is known to half a cell of the mask (1/16 texel), so of walls thinner than 2.5 texels a hidden texel may
+//! stay a mean of both sides where less than that of a side reads it: 2.6 % of the lit side's light a millimetre from a wall.
 
 use super::Lightmap;
 use crate::base::{Rgb, parallel};

@@ -243,7 +243,12 @@ impl Place {
             let at = (line - corner[axis]) / edge[axis];
             all.extend(BESIDE.iter().flat_map(|d| [at - d / length, at + d / length]));
         }
-        all.retain(|t| *t * length > 9e-4 && (1.0 - *t) * length > 9e-4);
+        let clear = |t: f32| {
+            let lines =
+                axis.iter().flat_map(|axis| self.lines[*axis].iter().map(|l| (l - corner[*axis]) / edge[*axis]));
+            lines.map(|at| (at - t).abs() * length).all(|d| d > 9e-4)
+        };
+        all.retain(|t| *t * length > 9e-4 && (1.0 - *t) * length > 9e-4 && clear(*t));
         all
     }
 
