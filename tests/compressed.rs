@@ -191,7 +191,7 @@ fn optimised(fixture: &crosscheck_env::Fixture, how: &[&str]) {
 #[ignore = "slow: makes a Python environment, minutes"]
 fn what_optimisers_leave_is_read_as_reference_decoders_read_it() {
     optimised(&crosscheck_env::fixture("office"), &[]);
-    for fixture in crosscheck_env::fixtures().iter().filter(|f| !["office", "freedoom"].contains(&f.name.as_str())) {
-        optimised(fixture, &["gltfpack -cc", "draco"]);
+    for name in ["cornell", "courtyard", "room"] {
+        optimised(&crosscheck_env::fixture(name), &["gltfpack -cc", "draco"]);
     }
 }

@@ -14,8 +14,10 @@ Why power and not texels: quantised triangles have other charts.
 
 import argparse
 import json
+import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import environment
@@ -108,10 +110,12 @@ def main():
         if why:
             print(f"error: {source}: {why}", file=sys.stderr)
             return 1
-        for how in arguments.how:
-            for fault in faults(arguments.program, source.resolve(), how, folder, options, plain):
-                bad += 1
-                print(f"error: {source.stem}, {how}: {fault}", file=sys.stderr)
+        one = lambda how: faults(arguments.program, source.resolve(), how, folder, options, plain)
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            for how, found in zip(arguments.how, pool.map(one, arguments.how)):
+                bad += len(found)
+                for fault in found:
+                    print(f"error: {source.stem}, {how}: {fault}", file=sys.stderr)
     return 1 if bad else 0
 
 
