@@ -15,7 +15,9 @@
 //! * what lies between the point and the lifted one, a sheet on the surface or a wall that cuts the facet, is never
 //!   passed: then nothing is lifted;
 //! * normals that lean far away from the facet lift less and then nothing ([`BOXY`]): they belong to boxes that are shaded
-//!   smoothly by mistake, whose sides would be lit around their edges.
+//!   smoothly by mistake, whose sides would be lit around their edges;
+//! * normals that lean to one side together ([`ALIKE`]) lift nothing: they are bent for shading, as those of leaves and
+//!   cards are, and stand for nothing round.
 //!
 //! The tangent planes are above a sphere by as much as the facet is below it, so half of the lift is where the surface
 //! itself lies (Boubekeur and Alexa, "Phong Tessellation", SIGGRAPH Asia 2008, eq. 3 with α = ½): of facets that span 37°
@@ -24,7 +26,7 @@
 //! Symbols: p point; `v_k`, `n_k` corners and their normals; `b_k` weights of the corners.
 //!
 //! Invariants: a triangle whose corners lie within [`FLAT`] of each other's tangent planes, or above them, has no lift at
-//! all; the offset is the same from both sides of an edge unless [`BOXY`] has a part in it. Limit: where a surface is concave its facets lie above it, and
+//! all; the offset is the same from both sides of an edge unless [`BOXY`] or [`ALIKE`] has a part in it. Limit: where a surface is concave its facets lie above it, and
 //! rays start on them.
 
 use super::{Ground, Tracer};
@@ -43,6 +45,10 @@ const ROUND: f32 = 0.5;
 /// Cosines between a facet and a normal: down to the first it counts as part of something round, from the second on as
 /// the side of a box. A ring of eight sides has 0.92, one of six 0.87, a cube 0.58.
 const BOXY: [f32; 2] = [0.82, 0.71];
+/// Distance between the unit normals that differ most, over the largest distance of one from the facet's: up to the first
+/// they lean together, from the second on they bend around something. Triangles of round bodies have 1.7 to 2, one with a
+/// single bent normal has 1.
+const ALIKE: [f32; 2] = [0.4, 0.8];
 /// How much farther than the offset the way must be free, so that a start never lies on what ends it.
 const MARGIN: f32 = 1.01;
 
@@ -68,7 +74,8 @@ impl Lift {
         let corners = [Vec3::ZERO, b - a, c - a];
         let side = if scene.geometric_normal(triangle).dot(facing) < 0.0 { -1.0 } else { 1.0 };
         let normals = scene.triangles[triangle as usize].map(|v| scene.vertices.normal[v as usize] * side);
-        let round = normals.map(|n| ((n.dot(facing) - BOXY[1]) / (BOXY[0] - BOXY[1])).clamp(0.0, 1.0));
+        let bend = bend(&normals, facing);
+        let round = normals.map(|n| ((n.dot(facing) - BOXY[1]) / (BOXY[0] - BOXY[1])).clamp(0.0, 1.0) * bend);
         let bends = |k: usize, j: usize| {
             let edge = corners[k] - corners[j];
             round[k] > 0.0 && edge.dot(normals[k]) > FLAT * edge.length()
@@ -87,6 +94,13 @@ impl Lift {
         };
         one(0) + one(1) + one(2)
     }
+}
+
+/// How much the normals bend around something, rather than lean together, in [0, 1].
+fn bend(normals: &[Vec3; 3], facing: Vec3) -> f32 {
+    let spread = (0..3).map(|k| normals[k].distance(normals[(k + 1) % 3])).fold(0.0, f32::max);
+    let lean = normals.iter().map(|n| n.distance(facing)).fold(f32::MIN_POSITIVE, f32::max);
+    ((spread / lean - ALIKE[0]) / (ALIKE[1] - ALIKE[0])).clamp(0.0, 1.0)
 }
 
 impl Tracer<'_> {
