@@ -3,7 +3,7 @@
 //! The streams are written here by hand, in the simplest form that the formats allow. `pipelines/checks/compressed.py` has
 //! those of real encoders, and compares with the reference decoders.
 
-#![allow(clippy::unwrap_used, reason = "tests")]
+#![allow(clippy::unwrap_used, clippy::print_stderr, reason = "tests")]
 
 #[path = "support/compressed.rs"]
 mod compressed;

@@ -19,7 +19,7 @@ fn bytes_of(values: &[f32]) -> Vec<u8> {
 /// Elements of `stride` bytes: byte by byte differences to the element before, all of them stored whole.
 pub(crate) fn vertex_stream(elements: &[u8], stride: usize) -> Vec<u8> {
     let count = elements.len() / stride;
-    let block = (8192 / stride & !15).min(256);
+    let block = ((8192 / stride) & !15).min(256);
     let mut out = vec![0xa0];
     let mut last: Vec<u8> = elements[..stride].to_vec();
     for start in (0..count).step_by(block) {
