@@ -1,6 +1,6 @@
 //! Fills texels without exposed surface from the side that reads them.
 //!
-//! In: patches, and pages whose borders are filled ([`dilate`](super::dilate())). Out: texels beside partly hidden ones hold
+//! In: patches, and pages whose borders are filled ([`fill`](super::fill())). Out: texels beside partly hidden ones hold
 //! the light of exactly the surface whose bilinear look-ups reach them.
 //!
 //! Between the two sides of a wall that stands on a floor lies at least one texel of nothing but hidden floor. A mean of
