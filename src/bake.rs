@@ -12,6 +12,7 @@ mod layers;
 mod plan;
 mod power;
 mod refine;
+mod sides;
 mod solve;
 mod thin;
 mod write;
@@ -128,7 +129,8 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     let charted = clock.timed("atlas", |_| atlas::build(&scene, &atlas_settings(settings, flag)))??;
     let atlas = charted.output;
     warnings.extend(charted.warnings);
-    let patches = clock.timed("patches", |progress| Patches::new(&tracer, &atlas, progress))?;
+    let mut patches = clock.timed("patches", |progress| Patches::new(&tracer, &atlas, progress))?;
+    warnings.extend(sides::turn(&tracer, &atlas, &mut patches, settings, &mut clock)?);
     let graph = clock.timed("links", |progress| PatchGraph::new(&patches, &tracer, progress))?;
     let groups = groups::groups(&scene, settings.light_groups);
     let facts = write::Facts { request, tracer: &tracer, scene: &scene, atlas: &atlas, patches: &patches };

@@ -306,6 +306,13 @@ impl<'a> Solver<'a> {
         self.gathered.rays()
     }
 
+    /// Irradiance of all patches without the gather [lx].
+    pub(super) fn roughly(&self) -> Vec<Rgb> {
+        let [straight, reflected] = &self.walked;
+        let half = |h: usize, i: usize| self.direct[h][i] + straight[h][i] + reflected[h][i];
+        parallel::map(self.direct[0].len(), |i| (half(0, i) + half(1, i)) * 0.5)
+    }
+
     /// What was found for the front patches.
     pub(super) fn halves(&self, setup: &Setup<'_>) -> Halves {
         let front = setup.patches.front;

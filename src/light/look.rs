@@ -58,7 +58,7 @@ impl<'a> Look<'a> {
 
     pub(super) fn place(&self, patch: usize, point: SurfacePoint) -> Place {
         let scene = self.scene();
-        let sign = if self.patches.is_back(patch) { -1.0 } else { 1.0 };
+        let sign = if self.patches.is_behind(patch) { -1.0 } else { 1.0 };
         let ground = Ground::new(scene.corners(point.triangle));
         let geometric = ground.normal() * sign;
         self.rounded(Place {

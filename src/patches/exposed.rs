@@ -72,18 +72,24 @@ pub(super) fn find(patches: &mut Patches, tracer: &Tracer<'_>, progress: &Progre
     }
 }
 
+impl Patches {
+    /// A point of a patch near its centroid, rather on a large piece than on a small one.
+    pub(super) fn middle(&self, tracer: &Tracer<'_>, patch: usize) -> Option<SurfacePoint> {
+        let (mut best, mut middle) = (f32::INFINITY, None);
+        self.cells(patch, 1, |point, _, area| {
+            let position = tracer.scene().position(point.triangle, point.b);
+            let distance = position.distance_squared(self.position[patch]) - area;
+            if distance < best {
+                (best, middle) = (distance, Some(point));
+            }
+        });
+        middle
+    }
+}
+
 /// `None` for a texel that is fully exposed.
 fn texel(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> Option<Found> {
-    let mut center = None;
-    let mut best = f32::INFINITY;
-    patches.cells(patch, 1, |point, _, area| {
-        let position = tracer.scene().position(point.triangle, point.b);
-        let distance = position.distance_squared(patches.position[patch]) - area;
-        if distance < best {
-            (best, center) = (distance, Some(point));
-        }
-    });
-    let center = center?;
+    let center = patches.middle(tracer, patch)?;
     let about = About::new(patches, tracer, patch);
     if !is_hidden(tracer, center, about) && !is_crowded(patches, tracer, patch, about) {
         return None;

@@ -36,7 +36,7 @@ impl Patches {
         let uv = t.at(hit);
         let (x, y) = (uv.x.floor() as i32, uv.y.floor() as i32);
         let front = self.grid_at(t.page, x, y).or_else(|| self.nearest(t.page, uv, hit.triangle))?;
-        let patch = if hit.front { front } else { self.back_of[front as usize] };
+        let patch = if hit.front != self.is_turned(front as usize) { front } else { self.back_of[front as usize] };
         let (x, y) = self.texel_xy(front as usize);
         let within = (uv - Vec2::new(x as f32, y as f32)).clamp(Vec2::ZERO, Vec2::ONE);
         (patch != NO_PATCH).then_some(Seen { patch: patch as usize, within })

@@ -108,7 +108,7 @@ impl<'a> PatchSurface<'a> {
     /// Prepares a patch.
     #[must_use]
     pub fn new(tracer: &'a Tracer<'a>, patches: &'a Patches, patch: usize) -> Self {
-        let (front, back, scene) = (patches.front_patch(patch), patches.is_back(patch), tracer.scene());
+        let (front, back, scene) = (patches.front_patch(patch), patches.is_behind(patch), tracer.scene());
         let fragment = |f: usize| {
             let (triangle, covered) = (patches.fragments.triangle[f], patches.fragments.covered[f]);
             let ground = Ground::new(scene.corners(triangle));

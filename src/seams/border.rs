@@ -8,6 +8,7 @@
 use crate::atlas::Atlas;
 use crate::atlas::NO_CHART;
 use crate::base::parallel;
+use crate::patches::Patches;
 use crate::scene::Scene;
 use glam::DVec3;
 use glam::Vec2;
@@ -28,6 +29,8 @@ pub(super) struct Edge {
     corner: [u8; 3],
     /// Page that it lies on.
     pub(super) page: u32,
+    /// Its lightmap stores the back.
+    turned: bool,
     /// These corners [texels].
     uv: [Vec2; 3],
     /// Ends of the edge [m].
@@ -43,17 +46,17 @@ pub(super) struct Place {
     pub(super) uv: Vec2,
     /// In the world [m].
     pub(super) position: Vec3,
-    /// Interpolated unit normal.
+    /// Interpolated unit normal, on the side that the lightmap stores.
     pub(super) normal: Vec3,
 }
 
 /// Borders of all charts.
-pub(super) fn edges(scene: &Scene, atlas: &Atlas) -> Vec<Edge> {
-    let of_parts = parallel::map(scene.parts.len(), |p| edges_of_part(scene, atlas, p));
+pub(super) fn edges(scene: &Scene, atlas: &Atlas, patches: &Patches) -> Vec<Edge> {
+    let of_parts = parallel::map(scene.parts.len(), |p| edges_of_part(scene, atlas, patches, p));
     of_parts.into_iter().flatten().collect()
 }
 
-fn edges_of_part(scene: &Scene, atlas: &Atlas, p: usize) -> Vec<Edge> {
+fn edges_of_part(scene: &Scene, atlas: &Atlas, patches: &Patches, p: usize) -> Vec<Edge> {
     let charted = &atlas.parts[p];
     let first = scene.parts[p].triangles.start;
     let mut all: Vec<([[u32; 2]; 2], u32, Edge)> = vec![];
@@ -72,6 +75,7 @@ fn edges_of_part(scene: &Scene, atlas: &Atlas, p: usize) -> Vec<Edge> {
                 triangle: first + k,
                 corner: corner.map(|c| c as u8),
                 page,
+                turned: patches.is_turned_chart(chart),
                 uv: corner.map(|c| uv[c]),
                 ends: [corners[corner[0]], corners[corner[1]]],
             };
@@ -125,11 +129,12 @@ impl Edge {
             uv += corner_uv * *weight;
         }
         let b = Vec2::new(weights[1], weights[2]);
+        let normal = scene.shading_normal(self.triangle, b);
         Place {
             page: self.page,
             uv,
             position: scene.position(self.triangle, b),
-            normal: scene.shading_normal(self.triangle, b),
+            normal: if self.turned { -normal } else { normal },
         }
     }
 }

@@ -99,7 +99,7 @@ impl Seams {
     /// Finds the seams of an atlas.
     #[must_use]
     pub fn new(tracer: &Tracer<'_>, atlas: &Atlas, patches: &Patches, progress: &Progress) -> Self {
-        let edges = border::edges(tracer.scene(), atlas);
+        let edges = border::edges(tracer.scene(), atlas, patches);
         let lattice = Lattice::new(&edges);
         let found = parallel::map_watched(edges.len(), progress, |e| rows(tracer, patches, &edges, &lattice, e));
         let (place, rows) = found.into_iter().flatten().unzip();

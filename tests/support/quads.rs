@@ -1,5 +1,7 @@
 //! Scenes of quads as glTF documents, and bakes of them by the program.
 
+#![allow(dead_code, reason = "each test program uses its own part of this file")]
+
 use base64::Engine;
 use exr::prelude::{ReadChannels, ReadLayers};
 use glam::{Quat, Vec3};
@@ -75,6 +77,11 @@ impl Quad {
             (self.u, self.v) = (self.v, self.u);
         }
         self
+    }
+
+    /// Its centre.
+    pub(crate) fn middle(&self) -> Vec3 {
+        self.corner + (self.u + self.v) / 2.0
     }
 
     /// With this normal at all of its vertices.
