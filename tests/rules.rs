@@ -53,7 +53,7 @@ fn cuboid([x0, x1]: [f32; 2], [y0, y1]: [f32; 2], [z0, z1]: [f32; 2]) -> Vec<[[f
     ]
 }
 
-/// A floor, a crate that hovers over it, a tube of light above, all below the node `Room`; the sun in the zenith.
+/// A floor, a crate that hovers over its middle, a tube of light over a corner, all below the node `Room`; the sun in the zenith.
 fn stage() -> Builder {
     let mut b = Builder::new();
     let grey = json!({"baseColorFactor": [0.5, 0.5, 0.5, 1], "metallicFactor": 0});
@@ -63,7 +63,7 @@ fn stage() -> Builder {
     let floor = mesh(&mut b, "Ground", 0, &[level([-2.0, 2.0], 0.0, [-2.0, 2.0], true)]);
     let sides = cuboid([-0.4, 0.4], [0.5, 1.0], [-0.4, 0.4]);
     let crates = mesh(&mut b, "Box", 1, &sides);
-    let tube = mesh(&mut b, "Tube", 2, &[level([-0.3, 0.3], 2.0, [-0.3, 0.3], false)]);
+    let tube = mesh(&mut b, "Tube", 2, &[level([1.2, 1.8], 2.0, [1.2, 1.8], false)]);
     b.push("nodes", json!({"name": "Room", "children": [FLOOR, CRATE, TUBE]}));
     for (name, mesh) in [("Floor", floor), ("Crate", crates), ("Tube.001", tube)] {
         b.push("nodes", json!({"name": name, "mesh": mesh}));
@@ -97,7 +97,7 @@ fn try_bake(b: &Builder, rules: &str, options: &[&str]) -> Run {
     let mut command = Command::new(env!("CARGO_BIN_EXE_texelwalk"));
     command.arg("bake").arg(file("in.glb")).arg("-o").arg(file("out.glb")).arg("--config").arg(file("rules.toml"));
     command.arg("--report").arg(file("r.json"));
-    let usual = ["--preset", "preview", "--texels-per-meter", "8", "--page-size", "256"];
+    let usual = ["--preset", "preview", "--texels-per-meter", "8"];
     let out = command.args(usual).args(options).output().unwrap();
     Run { home, out }
 }
@@ -185,7 +185,7 @@ fn density_is_a_factor_of_the_scenes() {
         assert!((reached - 1.0).abs() < 0.1, "node {node}: {reached} of {factor}");
     }
     // Where pages run out, the ratios stay.
-    let tight = bake(&b, rules, &["--page-size", "64", "--max-pages", "1"]);
+    let tight = bake(&b, rules, &["--page-size", "32", "--max-pages", "1"]);
     assert!(tight.warnings()[0].starts_with("density-lowered"), "{:?}", tight.warnings());
     let lowered = tight.baked();
     let shares = factors.map(|(node, factor)| density(&lowered, node) / factor);
@@ -230,7 +230,7 @@ fn what_receives_nothing_stays_as_it_is_and_casts_a_shadow() {
     assert!(baked.json["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_1"].is_u64());
     assert_eq!(floor_light(&baked, [0.0, 0.0]), 0.0, "the crate stands in the sun");
     let sun = 2.0 * core::f32::consts::FRAC_1_PI;
-    assert!((floor_light(&baked, [1.5, 1.5]) / sun - 1.0).abs() < 1e-3);
+    assert!((floor_light(&baked, [-1.5, 1.5]) / sun - 1.0).abs() < 1e-3);
     assert_eq!(run.measure(Kind::UvMissing).value, 0.0);
     assert_eq!(run.measure(Kind::UvMissing).of, 2);
 }
@@ -250,9 +250,9 @@ fn what_casts_nothing_is_not_there_for_others() {
     assert_eq!(ghost.warnings(), [String::new(); 0]);
     let baked = ghost.baked();
     let ratio = floor_mean(&baked) / floor_mean(&alone.baked());
-    assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
-    let solid = floor_mean(&bake(&b, "", &options).baked()) / floor_mean(&alone.baked());
-    assert!(solid < 0.95, "the crate takes {solid} of the floor's light otherwise");
+    assert!((ratio - 1.0).abs() < 2e-3, "{ratio}");
+    let solid = floor_light(&bake(&b, "", &options).baked(), [0.0, 0.0]);
+    assert!(solid < 0.5 * floor_light(&baked, [0.0, 0.0]), "the crate lets {solid} through otherwise");
     // It is lit itself: by the sun from above, by the floor from below.
     assert!(baked.uv((CRATE, 0)).len() >= 24);
     let crate_light = |y: f32| {
@@ -278,9 +278,12 @@ fn what_casts_nothing_is_not_there_for_others() {
         bake(&b, &format!("{dark}[[rules]]\nnodes = [\"Crate\"]\ncasts = false"), &direct),
         bake(&empty, dark, &direct),
     ];
-    for k in 0..400 {
-        let at = [(k % 20) as f32 * 0.19 - 1.8, (k / 20) as f32 * 0.19 - 1.8];
-        assert_eq!(floor_light(&ghost.baked(), at), floor_light(&alone.baked(), at), "{at:?}");
+    let lit = [&ghost, &alone].map(Run::baked);
+    for k in 0..225 {
+        // Away from the edges of the tube's shadow, of which texels have samples of their own.
+        let at = [(k % 15) as f32 * 0.19 - 1.8, (k / 15) as f32 * 0.19 - 1.8];
+        let [ghost, alone] = [floor_light(&lit[0], at), floor_light(&lit[1], at)];
+        assert!(ghost == alone && alone > 0.6, "{at:?}: {ghost} {alone}");
     }
     assert!(ghost.warnings()[0].starts_with("unseen-receiver"), "{:?}", ghost.warnings());
 
@@ -311,7 +314,7 @@ fn what_is_emitted_grows_with_its_factors() {
         bake(&b, &rules, &["--gather", "16"]).baked()
     };
     for (one, two) in [(bake("1", "0"), bake("2", "0")), (bake("0", "0.5"), bake("0", "1"))] {
-        assert!(mean(&one.page) > 0.01);
+        assert!(mean(&one.page) > 1e-3, "{}", mean(&one.page));
         for (a, b) in one.page.pixels.iter().zip(&two.page.pixels) {
             (0..3).for_each(|c| assert!((2.0 * a[c] - b[c]).abs() <= 2e-3 * b[c] + 1e-6, "{a:?} {b:?}"));
         }
@@ -347,7 +350,7 @@ fn extras_and_rules_say_the_same() {
     for name in ["out.lightmap-tubes0.exr", "out.lightmap-day0.exr"] {
         let [a, b] = [&by_extras, &by_rules].map(|run| read_rgba(&run.file(name)).unwrap());
         assert_eq!(a.pixels, b.pixels, "{name}");
-        assert!(mean(&a) > 0.01, "{name}");
+        assert!(mean(&a) > 1e-3, "{name}");
     }
     assert_eq!(by_extras.report()["treated"], by_rules.report()["treated"]);
     assert_eq!(by_extras.report()["light_groups"].as_array().unwrap().len(), 2);

@@ -2,11 +2,11 @@
 //! charted anew: their layout has texels on both sides.
 //!
 //! The primitives of a node's mesh are laid out together if they share one layout and are treated alike, else one by one.
-//! The block is scaled alike in both directions so that its mean density is the wanted one. Usable means: finite, inside [0, 1]², no place
-//! covered twice, all triangles of one orientation but for [`OUTLIERS`] of the area, no visible triangle collapsed, and
-//! for all but [`OUTLIERS`] of the area a density within a factor [`MAX_STRETCH`] of the mean in every direction. With
-//! [`Uv::Auto`], charts must also not share texels at the wanted density; with [`Uv::Keep`] those that do become one
-//! chart.
+//! The block is scaled alike in both directions so that its mean density is the wanted one, times the factor of its parts.
+//! Usable means: finite, inside [0, 1]², no place covered twice, all triangles of one orientation but for [`OUTLIERS`] of
+//! the area, no visible triangle collapsed, and for all but [`OUTLIERS`] of the area a density within a factor
+//! [`MAX_STRETCH`] of the mean in every direction. With [`Uv::Auto`], charts must also not share texels at the wanted
+//! density; with [`Uv::Keep`] those that do become one chart.
 
 use super::Error;
 use super::Settings;

@@ -1,4 +1,7 @@
 //! What the manifest says of primitives that were not treated as usual, so that whoever judges the lightmap knows.
+//!
+//! In: the scene. Out: JSON, or the same as [`Treated`]. Limit: programs that renumber nodes without the manifest make it
+//! wrong, as they do its indices of textures.
 
 use crate::scene::{Scene, Treatment};
 
