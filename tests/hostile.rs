@@ -149,7 +149,9 @@ fn rich() -> serde_json::Value {
     b.push("scenes", json!({"nodes": [0, 1]}));
     b.push("animations", json!({"channels": [{"target": {"node": 1, "path": "scale"}}]}));
     let wishes = json!({"texelwalk": {"density": 2, "receives": true, "casts": 1, "emission": 2, "light_group": "a"}});
-    ["/nodes/0", "/meshes/0", "/materials/0"].map(|at| b.set(&format!("{at}/extras"), wishes.clone()).json.is_object());
+    for at in ["/nodes/0", "/meshes/0", "/materials/0"] {
+        b.set(&format!("{at}/extras"), wishes.clone());
+    }
     b.json["scene"] = json!(0);
     b.json["extensions"] = json!({"KHR_lights_punctual": {"lights": [
         {"type": "spot", "color": [1, 1, 1], "intensity": 5, "range": 9, "extras": {"radius": 0.1, "angle": 0.1, "texelwalk": {"intensity": 2}},

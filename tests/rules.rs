@@ -247,7 +247,7 @@ fn what_casts_nothing_is_not_there_for_others() {
     assert_eq!(nothing.baked().page.pixels, alone.baked().page.pixels);
 
     let ghost = bake(&b, "[[rules]]\nnodes = [\"Crate\"]\ncasts = false", &options);
-    assert_eq!(ghost.warnings(), [String::new(); 0]);
+    assert!(ghost.warnings().is_empty(), "{:?}", ghost.warnings());
     let baked = ghost.baked();
     let ratio = floor_mean(&baked) / floor_mean(&alone.baked());
     assert!((ratio - 1.0).abs() < 2e-3, "{ratio}");

@@ -157,7 +157,7 @@ mod tests {
             (r#"{"texelwalk": {"receives": 2}}"#, ".receives is 2, not true or false"),
             (r#"{"texelwalk": {"casts": null}}"#, ".casts is null"),
             (r#"{"texelwalk": {"emission": -1}}"#, ".emission is -1"),
-            (r#"{"texelwalk": {"emission": 1e300}}"#, ".emission is 1e300"),
+            (r#"{"texelwalk": {"emission": 1e300}}"#, ".emission is 1e+300"),
             (r#"{"texelwalk": {"light_group": " "}}"#, "bad-light-group"),
         ];
         for (json, expected) in odd {
