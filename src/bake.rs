@@ -15,6 +15,7 @@ mod refine;
 mod sides;
 mod solve;
 mod thin;
+mod treated;
 mod write;
 
 use crate::atlas::{self, Atlas};
@@ -182,8 +183,10 @@ fn load(input: &Path, settings: &Settings) -> Result<Warned<Scene>, scene::Error
         sky: settings.sky(),
         sun_angle: settings.sun_angle.map(f32::to_radians),
         light_radius: settings.light_radius,
+        rules: settings.rules.clone(),
     };
     let mut loaded = scene::load(input, &how)?;
+    loaded.warnings.extend(treated::warning(&loaded.output, settings));
     if let Some(path) = &settings.environment {
         let (factor, rotation) = (settings.environment_intensity, settings.environment_rotation.to_radians());
         loaded.output.environment = Some(scene::Environment::load(path, factor, rotation)?);

@@ -50,7 +50,9 @@ pub struct Bake {
     /// Named settings to start from
     #[arg(long, value_enum, default_value = "production")]
     pub preset: Preset,
-    /// TOML file with options by their long names; the command line wins
+    /// TOML file with options by their long names, and [[rules]] for what nodes, meshes, materials and lights with
+    /// certain names do otherwise: density, receives, casts, emission, intensity, light-group (README, Rules); the command
+    /// line wins
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Everything a preset may set
@@ -99,6 +101,9 @@ pub struct Inspect {
     /// Named settings to start from
     #[arg(long, value_enum, default_value = "production")]
     pub preset: Preset,
+    /// TOML file with options and [[rules]], as for bake
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
     /// Density to count texels at
     #[arg(long, value_name = "X")]
     pub texels_per_meter: Option<f32>,

@@ -11,7 +11,7 @@ use texelwalk::output::formats::Format;
 use texelwalk::output::{atomic, exr, png};
 use texelwalk::render::{Lightmaps, View};
 use texelwalk::scene;
-use texelwalk::settings::{Options, Target};
+use texelwalk::settings::{Options, Preset, Target};
 use texelwalk::{compare, html, inspect, output, render};
 
 /// Exit codes; a contract with build systems.
@@ -39,17 +39,8 @@ pub(crate) enum Exit {
 type Outcome = Result<Exit, (Exit, String)>;
 
 pub(crate) fn bake(typed: cli::Bake) -> Outcome {
-    let usage = |e: &dyn std::fmt::Display| (Exit::Usage, e.to_string());
-    let mut options = typed.options;
-    let mut also_read = vec![];
-    if let Some(path) = &typed.config {
-        let text = std::fs::read_to_string(path).map_err(|e| (Exit::Io, format!("{}: {e}", path.display())))?;
-        let below = Options::from_toml(&text).map_err(|e| (Exit::Usage, format!("{}: {e}", path.display())))?;
-        options = options.over(below);
-        also_read.push(path.clone());
-    }
-    let options = options.over(Options::preset(typed.preset).map_err(|e| usage(&e))?);
-    let settings = options.settings().map_err(|e| usage(&e))?;
+    let options = layered(typed.options, typed.config.as_deref(), typed.preset)?;
+    let settings = options.settings().map_err(|e| (Exit::Usage, e.to_string()))?;
     if typed.usd.is_some() && settings.target == Target::Lightmap && !settings.format.contains(&Format::Exr) {
         return Err((Exit::Usage, "--usd refers to the lightmap as EXR; add exr to --format".to_owned()));
     }
@@ -68,7 +59,7 @@ pub(crate) fn bake(typed: cli::Bake) -> Outcome {
         report: typed.report,
         html: typed.html,
         depfile: typed.depfile,
-        also_read,
+        also_read: typed.config.into_iter().collect(),
     };
     let outcome = bake::bake(&request, observer.as_ref(), progress).map_err(|e| (bake_exit(&e), e.to_string()))?;
     if !typed.quiet {
@@ -80,6 +71,18 @@ pub(crate) fn bake(typed: cli::Bake) -> Outcome {
     }
     let strict = typed.strict && !outcome.report.warnings.is_empty();
     Ok(if strict { Exit::Strict } else { Exit::Ok })
+}
+
+/// Options over those of a configuration file over those of a preset.
+fn layered(options: Options, config: Option<&Path>, preset: Preset) -> Result<Options, (Exit, String)> {
+    let mut options = options;
+    if let Some(path) = config {
+        let text = std::fs::read_to_string(path).map_err(|e| (Exit::Io, format!("{}: {e}", path.display())))?;
+        let below = Options::from_toml(&text).map_err(|e| (Exit::Usage, format!("{}: {e}", path.display())))?;
+        options = options.over(below);
+    }
+    let preset = Options::preset(preset).map_err(|e| (Exit::Usage, e.to_string()))?;
+    Ok(options.over(preset))
 }
 
 fn start_threads(threads: Option<usize>) -> Result<(), (Exit, String)> {
@@ -119,9 +122,9 @@ fn output_exit(error: &output::Error) -> Exit {
 }
 
 pub(crate) fn inspect(typed: &cli::Inspect) -> Outcome {
-    let preset = Options::preset(typed.preset).map_err(|e| (Exit::Usage, e.to_string()))?;
     let own = Options { texels_per_meter: typed.texels_per_meter, scene: typed.scene, ..Options::default() };
-    let settings = own.over(preset).settings().map_err(|e| (Exit::Usage, e.to_string()))?;
+    let options = layered(own, typed.config.as_deref(), typed.preset)?;
+    let settings = options.settings().map_err(|e| (Exit::Usage, e.to_string()))?;
     let facts = inspect::inspect(&typed.input, &settings).map_err(|e| (bake_exit(&e), e.to_string()))?;
     let text = if typed.json { facts.to_json() } else { facts.to_text() };
     show::data(text.as_bytes())?;

@@ -56,6 +56,16 @@ pub struct PartFacts {
     pub material: String,
     /// Which UVs: `kept`, `charted`, or `none` for what receives no light.
     pub uv: &'static str,
+    /// Factor of the texels per metre, by rules or `extras`.
+    pub density: f32,
+    /// It gets a lightmap.
+    pub receives: bool,
+    /// Others are lit as if it were there.
+    pub casts: bool,
+    /// Factor of the light that it emits.
+    pub emission: f32,
+    /// Group of what it emits, if that has a name.
+    pub light_group: Option<String>,
 }
 
 /// One material as light sees it.
@@ -80,7 +90,8 @@ pub struct MaterialFacts {
 /// # Errors
 /// As for `bake`, without writing.
 pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
-    let how = scene::Settings { scene: settings.scene, sky: settings.sky(), ..scene::Settings::default() };
+    let (sky, rules) = (settings.sky(), settings.rules.clone());
+    let how = scene::Settings { scene: settings.scene, sky, rules, ..scene::Settings::default() };
     let loaded = scene::load(input, &how)?;
     let scene = loaded.output;
     let charted = atlas::build(
@@ -103,7 +114,7 @@ pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
         input: input.display().to_string(),
         parts: (0..scene.parts.len()).map(|i| part(&scene, &atlas, i)).collect(),
         materials: used.into_iter().map(|m| material(&scene, m)).collect(),
-        lights: scene.lights.iter().map(light).collect(),
+        lights: (0..scene.lights.len()).map(|i| light(&scene, i)).collect(),
         cameras: scene.cameras.iter().map(|c| c.name.clone()).collect(),
         texels_per_meter: atlas.texels_per_meter,
         pages: atlas.pages,
@@ -132,6 +143,29 @@ fn part(scene: &Scene, atlas: &Atlas, index: usize) -> PartFacts {
             (true, true) => "kept",
             (true, false) => "charted",
         },
+        density: part.treatment.density,
+        receives: part.receives,
+        casts: part.treatment.casts,
+        emission: part.treatment.emission,
+        light_group: scene.groups.parts.get(index).cloned().flatten(),
+    }
+}
+
+impl PartFacts {
+    /// What is not as usual, as words to put behind a row.
+    fn notes(&self) -> String {
+        let mut notes = vec![];
+        if self.density != 1.0 {
+            notes.push(format!("density ×{}", self.density));
+        }
+        if !self.casts {
+            notes.push("casts no light".to_owned());
+        }
+        if self.emission != 1.0 {
+            notes.push(format!("emission ×{}", self.emission));
+        }
+        notes.extend(self.light_group.iter().map(|group| format!("group {group}")));
+        if notes.is_empty() { String::new() } else { format!("  [{}]", notes.join(", ")) }
     }
 }
 
@@ -151,12 +185,15 @@ fn material(scene: &Scene, index: usize) -> MaterialFacts {
     }
 }
 
-fn light(light: &Light) -> String {
-    match light {
+fn light(scene: &Scene, index: usize) -> String {
+    let group = scene.groups.lights.get(index).and_then(Option::as_ref);
+    let group = group.map_or(String::new(), |name| format!(", group {name}"));
+    let what = match &scene.lights[index] {
         Light::Sun { illuminance: i, .. } => format!("sun {:.3} {:.3} {:.3} lx", i.x, i.y, i.z),
         Light::Point { intensity: i, .. } => format!("point {:.3} {:.3} {:.3} cd", i.x, i.y, i.z),
         Light::Spot { intensity: i, .. } => format!("spot {:.3} {:.3} {:.3} cd", i.x, i.y, i.z),
-    }
+    };
+    what + &group
 }
 
 impl Facts {
@@ -179,7 +216,17 @@ impl Facts {
         writeln!(out, "\n{:<28} {:>10} {:>10} {:>7}  {:<8} material", "node", "triangles", "area m2", "charts", "uv")?;
         for p in &self.parts {
             let row = (&p.node, p.triangles, p.area, p.charts, p.uv, &p.material);
-            writeln!(out, "{:<28} {:>10} {:>10.3} {:>7}  {:<8} {}", row.0, row.1, row.2, row.3, row.4, row.5)?;
+            writeln!(
+                out,
+                "{:<28} {:>10} {:>10.3} {:>7}  {:<8} {}{}",
+                row.0,
+                row.1,
+                row.2,
+                row.3,
+                row.4,
+                row.5,
+                p.notes()
+            )?;
         }
         writeln!(out, "\n{:<28} {:<20} {:<20} alpha", "material", "reflectance", "emission cd/m2")?;
         let triple = |v: [f32; 3]| format!("{:.3} {:.3} {:.3}", v[0], v[1], v[2]);

@@ -124,7 +124,7 @@ pub enum Error {
 /// If the camera does not exist or the size is out of range.
 pub fn render(scene: &Scene, lightmaps: &Lightmaps, settings: &Settings) -> Result<Picture, Error> {
     let Settings { width, height, samples, .. } = *settings;
-    let mut pictures = series(&Tracer::new(scene), lightmaps, settings, &[settings.overlay])?;
+    let mut pictures = series(&Tracer::of_all(scene), lightmaps, settings, &[settings.overlay])?;
     pictures.pop().ok_or(Error::Size { width, height, samples })
 }
 
@@ -264,7 +264,7 @@ impl Shot<'_> {
         }
         let irradiance = self.lightmaps.irradiance(self.scene, hit.triangle, hit.b).unwrap_or(Rgb::ZERO);
         let reflectance = if bare { PLASTER } else { self.scene.reflectance(hit.triangle, hit.b) };
-        let emission = if bare { Rgb::ZERO } else { self.scene.emission(hit.triangle, hit.b) };
+        let emission = if bare { Rgb::ZERO } else { self.scene.shown_emission(hit.triangle, hit.b) };
         Seen::Surface(reflectance * irradiance * core::f32::consts::FRAC_1_PI, emission)
     }
 

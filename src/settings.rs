@@ -5,8 +5,10 @@
 //! option names.
 
 mod choices;
+mod color;
 mod directional;
 mod formats;
+mod rules;
 
 pub use choices::{Aov, DirectMode, Directional, Preset, Quantity, SplatMode, Target, UvMode, VertexAttribute};
 
@@ -14,7 +16,8 @@ use crate::atlas::MOST_MIPS;
 use crate::atlas::Uv;
 use crate::base::Rgb;
 use crate::output::formats::Format;
-use crate::scene::Sky;
+use crate::scene::{Rule, Sky};
+use color::parse_color;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -200,6 +203,9 @@ pub struct Options {
     /// Worker threads; the result never depends on it [default: all CPUs]
     #[arg(long, value_name = "N", help_heading = "Run")]
     pub threads: Option<usize>,
+    /// What to do otherwise with what has certain names; later rules win. Not on the command line.
+    #[arg(skip)]
+    pub rules: Option<Vec<Rule>>,
 }
 
 /// Settings of a bake, complete and checked.
@@ -299,6 +305,9 @@ pub struct Settings {
     pub environment_intensity: f32,
     /// Its rotation [degrees].
     pub environment_rotation: f32,
+    /// What to do otherwise with what has certain names.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub rules: Vec<Rule>,
 }
 
 /// An option that cannot be used, and why.
@@ -381,7 +390,8 @@ impl Options {
             environment,
             environment_intensity,
             environment_rotation,
-            threads
+            threads,
+            rules
         )
     }
 
@@ -443,6 +453,7 @@ impl Options {
                 -1e4,
                 1e4,
             )?,
+            rules: self.rules()?,
         };
         if settings.beta <= settings.alpha {
             return Err(Invalid(format!("--beta {} must be above --alpha {}", settings.beta, settings.alpha)));
@@ -526,15 +537,6 @@ fn positive(option: &str, value: f64) -> Result<f64, Invalid> {
     Err(Invalid(format!("{option} {value} is out of range; it must be above 0 and at most {MOST}")))
 }
 
-fn parse_color(text: &str) -> Result<[f32; 3], String> {
-    let numbers: Result<Vec<f32>, _> = text.split(',').map(|v| v.trim().parse()).collect();
-    match numbers.as_deref() {
-        Ok([v]) => Ok([*v; 3]),
-        Ok([r, g, b]) => Ok([*r, *g, *b]),
-        _ => Err("give one number or three with commas, for example 0.3,0.5,1".into()),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -580,12 +582,5 @@ mod tests {
         assert_eq!(wrong("target = \"vertex\"\nunlit = true"), "--unlit needs --vertex-attribute color0 or both");
         let good = Options::from_toml("target = \"vertex\"\nvertex-attribute = \"both\"\nunlit = true").unwrap();
         assert_eq!(good.settings().unwrap().target, Target::Vertex);
-    }
-
-    #[test]
-    fn colors_are_one_or_three_numbers() {
-        assert_eq!(parse_color("2"), Ok([2.0; 3]));
-        assert_eq!(parse_color("1, 2,3"), Ok([1.0, 2.0, 3.0]));
-        assert!(parse_color("1,2").is_err() && parse_color("red").is_err());
     }
 }

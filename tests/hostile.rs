@@ -148,9 +148,13 @@ fn rich() -> serde_json::Value {
     b.push("cameras", json!({"perspective": {"yfov": 1, "aspectRatio": 1}}));
     b.push("scenes", json!({"nodes": [0, 1]}));
     b.push("animations", json!({"channels": [{"target": {"node": 1, "path": "scale"}}]}));
+    let wishes = json!({"texelwalk": {"density": 2, "receives": true, "casts": 1, "emission": 2, "light_group": "a"}});
+    for at in ["/nodes/0", "/meshes/0", "/materials/0"] {
+        b.set(&format!("{at}/extras"), wishes.clone());
+    }
     b.json["scene"] = json!(0);
     b.json["extensions"] = json!({"KHR_lights_punctual": {"lights": [
-        {"type": "spot", "color": [1, 1, 1], "intensity": 5, "range": 9, "extras": {"radius": 0.1, "angle": 0.1},
+        {"type": "spot", "color": [1, 1, 1], "intensity": 5, "range": 9, "extras": {"radius": 0.1, "angle": 0.1, "texelwalk": {"intensity": 2}},
          "spot": {"innerConeAngle": 0.1, "outerConeAngle": 0.2}}]}});
     serde_json::from_slice(&b.gltf()).unwrap()
 }

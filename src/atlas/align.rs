@@ -21,10 +21,18 @@ pub(super) struct Piece {
     pub(super) parts: Vec<u32>,
     /// Faces, with their charts.
     pub(super) faces: Vec<Face>,
-    /// Flat position of each corner [m]; positive areas for charts made here.
+    /// Flat position of each corner [m], times the density factor of the part; positive areas for charts made here.
     pub(super) corners: Vec<[DVec2; 3]>,
     /// A kept `TEXCOORD_1`: not cut, not snapped.
     pub(super) kept: bool,
+}
+
+impl Piece {
+    /// With `density` times as many texels per metre as others.
+    pub(super) fn scaled(mut self, density: f32) -> Self {
+        self.corners.iter_mut().flatten().for_each(|p| *p *= f64::from(density));
+        self
+    }
 }
 
 /// A triangle of a piece.

@@ -1,12 +1,12 @@
 //! Keeps a `TEXCOORD_1` that is a usable lightmap layout, as one rigid block per node. Parts that were cut at contacts are
 //! charted anew: their layout has texels on both sides.
 //!
-//! The primitives of a node's mesh are laid out together if they share one layout, else one by one. The block is scaled
-//! alike in both directions so that its mean density is the wanted one. Usable means: finite, inside [0, 1]², no place
-//! covered twice, all triangles of one orientation but for [`OUTLIERS`] of the area, no visible triangle collapsed, and
-//! for all but [`OUTLIERS`] of the area a density within a factor [`MAX_STRETCH`] of the mean in every direction. With
-//! [`Uv::Auto`], charts must also not share texels at the wanted density; with [`Uv::Keep`] those that do become one
-//! chart.
+//! The primitives of a node's mesh are laid out together if they share one layout and are treated alike, else one by one.
+//! The block is scaled alike in both directions so that its mean density is the wanted one, times the factor of its parts.
+//! Usable means: finite, inside [0, 1]², no place covered twice, all triangles of one orientation but for [`OUTLIERS`] of
+//! the area, no visible triangle collapsed, and for all but [`OUTLIERS`] of the area a density within a factor
+//! [`MAX_STRETCH`] of the mean in every direction. With [`Uv::Auto`], charts must also not share texels at the wanted
+//! density; with [`Uv::Keep`] those that do become one chart.
 
 use super::Error;
 use super::Settings;
@@ -64,7 +64,8 @@ pub(super) fn kept_blocks(scene: &Scene, settings: &Settings, guard: &Guard) -> 
     let groups: Vec<&[usize]> = candidates
         .chunk_by(|a, b| {
             let (a, b) = (&scene.parts[*a], &scene.parts[*b]);
-            (a.node, a.mesh) == (b.node, b.mesh)
+            let together = a.treatment.density == b.treatment.density && a.treatment.casts == b.treatment.casts;
+            (a.node, a.mesh) == (b.node, b.mesh) && together
         })
         .collect();
     let results = parallel::map(groups.len(), |g| {
@@ -157,7 +158,8 @@ fn block(scene: &Scene, parts: &[usize], settings: &Settings) -> Result<Piece, S
             chart_parts.push(face.part);
         }
     }
-    let piece = Piece { parts: chart_parts, faces, corners, kept: true };
+    let density = scene.parts[parts[0]].treatment.density;
+    let piece = Piece { parts: chart_parts, faces, corners, kept: true }.scaled(density);
     if settings.uv == Uv::Auto {
         check_texels(&piece, settings)?;
     }

@@ -62,7 +62,7 @@ pub struct Atlas {
     pub page_size: [u32; 2],
     /// Number of pages.
     pub pages: u32,
-    /// Density that was reached, in world space [texels/m].
+    /// Density that was reached, in world space, where a part has no factor of its own [texels/m].
     pub texels_per_meter: f32,
     /// Charts; a chart lies on one page.
     pub charts: Vec<Chart>,
@@ -122,7 +122,7 @@ pub enum Uv {
 /// How to lay out the lightmap.
 #[derive(Debug, Clone)]
 pub struct Settings {
-    /// Wanted density in world space [texels/m], finite and > 0.
+    /// Wanted density in world space [texels/m], finite and > 0; parts have factors of it.
     pub texels_per_meter: f32,
     /// Largest width and height of a page [texels], 16 to [`MAX_PAGE_SIZE`].
     pub page_size: u32,
@@ -213,7 +213,7 @@ pub fn build(scene: &Scene, settings: &Settings) -> Result<Warned<Atlas>, Error>
         }
         let surface = weld::Surface::new(scene, part);
         let flats = region::flatten_part(&surface, &guard)?;
-        Ok(flats.iter().map(|flat| align::piece(&surface, flat, p as u32)).collect())
+        Ok(flats.iter().map(|flat| align::piece(&surface, flat, p as u32).scaled(part.treatment.density)).collect())
     });
     let mut pieces = kept.pieces;
     for part in fresh {

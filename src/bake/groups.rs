@@ -1,7 +1,7 @@
 //! Light groups: the emitters of a scene, sorted by the name that the document gives them.
 //!
 //! In: the scene. Out: one set of emitters per group, in the order of their names; without groups, all in one. Lights
-//! and materials without a name are in `default`, sky and environment in `sky`.
+//! and surfaces without a name are in `default`, sky and environment in `sky`.
 
 use crate::light::{Emitters, Source};
 use crate::scene::Scene;
@@ -31,7 +31,7 @@ pub(super) fn groups(scene: &Scene, wanted: bool) -> Vec<Group> {
 fn name_of(scene: &Scene, source: Source) -> &str {
     let named = match source {
         Source::Light(i) => scene.groups.lights.get(i),
-        Source::Material(i) => scene.groups.materials.get(i),
+        Source::Part(i) => scene.groups.parts.get(i),
         Source::Infinity => return SKY,
     };
     named.and_then(|n| n.as_deref()).unwrap_or(UNNAMED)
@@ -40,10 +40,9 @@ fn name_of(scene: &Scene, source: Source) -> &str {
 /// Groups that something shines in; never empty.
 fn names(scene: &Scene) -> BTreeSet<&str> {
     let lights = (0..scene.lights.len()).map(Source::Light);
-    let glowing = scene.parts.iter().map(|p| p.material).filter(|&m| scene.materials[m].glows());
-    let materials = glowing.map(Source::Material);
+    let parts = (0..scene.parts.len()).filter(|&p| scene.glows(&scene.parts[p])).map(Source::Part);
     let infinite = !scene.sky.is_black() || scene.environment.is_some();
-    let sources = lights.chain(materials).chain(infinite.then_some(Source::Infinity));
+    let sources = lights.chain(parts).chain(infinite.then_some(Source::Infinity));
     let mut names: BTreeSet<&str> = sources.map(|source| name_of(scene, source)).collect();
     if names.is_empty() {
         names.insert(UNNAMED);
@@ -64,7 +63,7 @@ mod tests {
             |x: f32| Light::Point { position: Vec3::splat(x), intensity: Rgb::ONE, range: f32::INFINITY, radius: 0.0 };
         let scene = Scene {
             lights: vec![bulb(0.0), bulb(1.0), bulb(2.0)],
-            groups: Groups { lights: vec![Some("key".into()), None, Some("key".into())], materials: vec![] },
+            groups: Groups { lights: vec![Some("key".into()), None, Some("key".into())], parts: vec![] },
             sky: Sky::constant(Rgb::ONE),
             ..Scene::default()
         };

@@ -5,6 +5,7 @@ use super::{Error, stored};
 use crate::html::{self, Change, Pictures, Subject};
 use crate::output::report::Report;
 use crate::settings::{Options, Settings};
+use crate::trace::Tracer;
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};
 
@@ -12,9 +13,12 @@ impl Facts<'_> {
     /// The pictures of the HTML report, if it is wanted.
     pub(super) fn pictures(&self, results: &Results) -> Result<Option<Pictures>, Error> {
         let Some(path) = &self.request.html else { return Ok(None) };
+        // What casts no light can be seen all the same.
+        let unseen = self.scene.parts.iter().any(|part| !part.treatment.casts);
+        let all = unseen.then(|| Tracer::of_all(self.scene));
         let subject = Subject {
             path,
-            tracer: self.tracer,
+            tracer: all.as_ref().unwrap_or(self.tracer),
             atlas: self.atlas,
             patches: self.patches,
             lightmap: &results.lightmap,
@@ -54,7 +58,8 @@ fn changes(settings: &Settings, preset: &Settings) -> Vec<Change> {
     let options: std::collections::BTreeSet<&String> = own.keys().chain(below.keys()).collect();
     let differs = options.into_iter().filter(|option| own.get(*option) != below.get(*option));
     let change = |option: &String| Change {
-        option: format!("--{option}"),
+        // Rules can be given in a file alone.
+        option: if option == "rules" { option.clone() } else { format!("--{option}") },
         value: shown(own.get(option)),
         preset: shown(below.get(option)),
     };

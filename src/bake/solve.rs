@@ -191,7 +191,9 @@ impl<'a> Solver<'a> {
             })?;
         }
         let direct = mean(&self.direct);
-        let source = |i: usize| direct[i] * patches.exposed_area(i);
+        // What casts no light reflects none, and passes on what it gets.
+        let casts = |i: usize| patches.casts(tracer.scene(), i);
+        let source = |i: usize| if casts(i) { direct[i] * patches.exposed_area(i) } else { Rgb::ZERO };
         let found = clock.timed("walk", |progress| {
             let tilts = (settings.direct == DirectMode::Gather).then(|| self.direct_tilts(setup, &direct));
             [0, 1].map(|half| {

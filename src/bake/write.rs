@@ -231,6 +231,7 @@ impl Facts<'_> {
                 utilization: atlas.utilization(),
                 mip_levels: atlas.mips,
             },
+            treated: super::treated::facts(scene),
             contacts: request.settings.cut_contacts.then_some(report::Contacts {
                 triangles_cut: scene.cuts.cut,
                 triangles_made: scene.cuts.made,

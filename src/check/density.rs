@@ -1,7 +1,8 @@
 //! Size and shape of texels on the surface.
 //!
 //! A triangle maps its page to the surface; the singular values of the inverse are the texels per metre along and across.
-//! Density is the square root of their product, stretch their ratio.
+//! Density is the square root of their product, stretch their ratio. What rules asked for is no fault: densities are
+//! compared after division by the factor of their part.
 
 use super::measure::{Kind, Measure, Tally};
 use super::subject::Subject;
@@ -21,6 +22,8 @@ pub struct MeshDensity {
     pub node: String,
     /// Index of the mesh and of the primitive in it.
     pub mesh: [usize; 2],
+    /// Factor of the density that was asked for.
+    pub factor: f64,
     /// Smallest density of a triangle [texels/m].
     pub least: f64,
     /// Mean over the area [texels/m].
@@ -53,10 +56,11 @@ pub(super) fn measure(subject: &Subject<'_>) -> (Vec<Measure>, Vec<MeshDensity>)
         scales(subject.scene, t as u32, flat.uv)
     });
     let total = subject.area.iter().fold(0.0, |a, b| a + b);
+    let factor = |t: usize| f64::from(subject.scene.part(t as u32).treatment.density);
     let (mut density, mut stretch) = (Tally::default(), Tally::default());
     for (t, scale) in all.iter().enumerate() {
         if let Some([long, short]) = scale {
-            density.weigh((long * short).sqrt() as f32, subject.area[t] as f32);
+            density.weigh(((long * short).sqrt() / factor(t)) as f32, subject.area[t] as f32);
             stretch.weigh((long / short) as f32, subject.area[t] as f32);
         }
     }
@@ -66,13 +70,16 @@ pub(super) fn measure(subject: &Subject<'_>) -> (Vec<Measure>, Vec<MeshDensity>)
     for (t, scale) in all.iter().enumerate() {
         let Some([long, short]) = scale.filter(|_| subject.area[t] > SPECK * total) else { continue };
         let point = || SurfacePoint { triangle: t as u32, b: Vec2::splat(1.0 / 3.0) };
-        let own = (long * short).sqrt();
+        let own = (long * short).sqrt() / factor(t);
         density.look((own / middle).max(middle / own), limits[0], point);
         stretch.look(long / short, limits[1], point);
     }
     let spread = if low > 0.0 { high / low } else { 1.0 };
     let mut density = density.measure(subject, Kind::Density, spread);
     density.notes.push(format!("{low:.2} to {high:.2} texels/m, median {middle:.2}; places by their distance from it"));
+    if subject.scene.parts.iter().any(|part| part.receives && part.treatment.density != 1.0) {
+        density.notes.push("densities are divided by the factors that rules and extras ask for".to_owned());
+    }
     let stretch = stretch.measure(subject, Kind::Stretch, stretched.max(1.0));
     (vec![density, stretch], meshes(subject, &all))
 }
@@ -87,8 +94,8 @@ fn meshes(subject: &Subject<'_>, all: &[Option<[f64; 2]>]) -> Vec<MeshDensity> {
             sum += own * subject.area[t];
             area += subject.area[t];
         }
-        let mesh = [part.mesh, part.primitive];
-        (area > 0.0).then(|| MeshDensity { node: part.name.clone(), mesh, least, mean: sum / area, most })
+        let (mesh, factor) = ([part.mesh, part.primitive], f64::from(part.treatment.density));
+        (area > 0.0).then(|| MeshDensity { node: part.name.clone(), mesh, factor, least, mean: sum / area, most })
     };
     subject.scene.parts.iter().filter_map(of).collect()
 }

@@ -7,7 +7,7 @@
 //! references (`MOZ_lightmap`, `extras.lightmap`). Every measure ([`Kind`]) has a value, a limit, and the places where it
 //! is worst: `uv` looks at the coordinates, `padding` at what bilinear look-ups at borders read, `mips` at what small mip
 //! levels do, `seams` at borders across which light should go on, `leaks` at walls, `texels` at single values, `density`
-//! at size and shape, `page` at the files. `subject` prepares what they share.
+//! at size and shape, `page` at the files. `subject` prepares what they share, `treatment` knows what rules were baked by.
 //!
 //! Invariant: the same report at any thread count. Memory and time in proportion to texels and triangles.
 //!
@@ -24,6 +24,7 @@ mod seams;
 mod subject;
 mod table;
 mod texels;
+mod treatment;
 mod uv;
 
 pub use density::MeshDensity;
@@ -88,7 +89,8 @@ impl Baked {
     /// If the document cannot be read, or has no lightmap.
     pub fn load(path: &Path, scene: Option<usize>) -> Result<Self, Error> {
         let loaded = scene::load(path, &scene::Settings { scene, ..scene::Settings::default() })?;
-        let (scene, warnings) = (loaded.output, loaded.warnings);
+        let (mut scene, warnings) = (loaded.output, loaded.warnings);
+        treatment::adopt(&mut scene)?;
         let (lightmaps, unreadable) = match Lightmaps::load(&scene) {
             Ok(lightmaps) => (lightmaps, None),
             Err(e) if is_of_a_page(&e, path) => (Lightmaps::default(), Some(e.to_string())),

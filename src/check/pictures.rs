@@ -52,7 +52,7 @@ const MARK: [f32; 3] = [1.0, 0.0, 0.55];
 /// If a picture cannot be encoded.
 pub fn take(baked: &Baked, report: &Report, folder: &Path) -> Result<Vec<(PathBuf, Vec<u8>)>, Error> {
     let mut files = vec![];
-    let tracer = Tracer::new(&baked.scene);
+    let tracer = Tracer::of_all(&baked.scene);
     for measure in report.measures.iter().filter(|m| m.fault) {
         for (k, place) in measure.places.iter().enumerate() {
             let path = folder.join(format!("{}-{}.png", measure.name, k + 1));

@@ -51,7 +51,8 @@ struct Piece {
     keys: [Key; 3],
 }
 
-/// Lines through thin walls, for all plane regions that have contacts.
+/// Lines through thin walls, for all plane regions that have contacts. `texel` is that of parts without a density of their
+/// own [m].
 pub(super) fn continued(mesh: &Mesh<'_>, shapes: &[Option<Shape>], texel: f64, tolerance: f64) -> Continued {
     let mut seen = vec![false; shapes.len()];
     let mut regions = vec![];
@@ -65,6 +66,7 @@ pub(super) fn continued(mesh: &Mesh<'_>, shapes: &[Option<Shape>], texel: f64, t
     }
     let found = parallel::map(regions.len(), |r| {
         let (plane, triangles) = &regions[r];
+        let texel = texel / f64::from(mesh.scene.part(triangles[0]).treatment.density);
         Region::new(mesh, shapes, *plane, triangles, texel, tolerance).lines(mesh)
     });
     let mut all = Continued::default();

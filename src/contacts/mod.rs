@@ -48,14 +48,15 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Edge of a texel [m].
+    /// Edge of a texel where a part has no density of its own [m].
     fn texel(&self) -> f64 {
         1.0 / f64::from(self.texels_per_meter)
     }
 
-    /// Distance up to which surfaces touch, where coordinates reach up to `reach` [m].
-    fn tolerance(&self, reach: f64) -> f64 {
-        (TOLERANCE * self.texel()).min(MOST_TOLERANCE).max(ROUNDING * reach)
+    /// Distance up to which surfaces touch, where coordinates reach up to `reach` [m] and texels are as small as
+    /// `texel` [m].
+    fn tolerance(texel: f64, reach: f64) -> f64 {
+        (TOLERANCE * texel).min(MOST_TOLERANCE).max(ROUNDING * reach)
     }
 }
 
@@ -75,7 +76,9 @@ pub fn cut(scene: Scene, settings: &Settings) -> Scene {
 fn plan(scene: &Scene, settings: &Settings) -> Option<apply::Plan> {
     let tracer = Tracer::new(scene);
     let (low, high) = tracer.bounds();
-    let tolerance = settings.tolerance(f64::from(low.abs().max(high.abs()).max_element()));
+    let densest = scene.parts.iter().filter(|p| p.receives).map(|p| p.treatment.density).fold(0.0, f32::max);
+    let texel = settings.texel() / f64::from(if densest > 0.0 { densest } else { 1.0 });
+    let tolerance = Settings::tolerance(texel, f64::from(low.abs().max(high.abs()).max_element()));
     let mesh = Mesh::new(scene, settings.keep_uv);
     let count = scene.triangles.len();
     let mut lines: Vec<Vec<Segment>> = parallel::map(count, |t| find::contacts(&tracer, &mesh, t as u32, tolerance));

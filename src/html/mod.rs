@@ -100,7 +100,7 @@ pub fn pictures(subject: &Subject<'_>) -> Result<Pictures, Error> {
     if let Some(light) = subject.vertices {
         let cut = cut::scene(scene, light);
         let lit = Lightmaps::at_vertices(cut::irradiance(light, subject.intensity));
-        let tracer = cut.as_ref().map(Tracer::new);
+        let tracer = cut.as_ref().map(Tracer::of_all);
         let views = views::views(subject, tracer.as_ref().unwrap_or(subject.tracer), &lit)?;
         return Ok(Pictures { views, cameras, ..Pictures::default() });
     }

@@ -45,8 +45,8 @@ pub struct Emitters {
 pub enum Source {
     /// Index into `Scene::lights`.
     Light(usize),
-    /// Surfaces of a material, by index into `Scene::materials`.
-    Material(usize),
+    /// Surfaces that glow, by index into `Scene::parts`.
+    Part(usize),
     /// Sky and environment.
     Infinity,
 }
@@ -68,7 +68,9 @@ impl Emitters {
     /// Collects what shines and is kept.
     #[must_use]
     pub fn of(scene: &Scene, keep: impl Fn(Source) -> bool) -> Self {
-        let glows = |t: &u32| scene.material(*t).glows() && keep(Source::Material(scene.part(*t).material));
+        let glowing = |p: usize| scene.glows(&scene.parts[p]) && keep(Source::Part(p));
+        let glowing: Vec<bool> = (0..scene.parts.len()).map(glowing).collect();
+        let glows = |t: &u32| glowing[scene.triangle_part[*t as usize] as usize];
         let kept = |(i, light): (usize, &Light)| keep(Source::Light(i)).then(|| light.clone());
         let lights: Vec<Light> = scene.lights.iter().enumerate().filter_map(kept).collect();
         let emissive: Vec<u32> = (0..scene.triangles.len() as u32).filter(glows).collect();

@@ -61,7 +61,7 @@ pub(super) struct Sampled {
 pub(super) fn cut(scene: &Scene, triangle: u32, out: &mut Vec<Piece>) {
     let whole = [Vec2::ZERO, Vec2::X, Vec2::Y];
     if scene.material(triangle).emission_texture.is_none() {
-        out.extend(Piece::new(scene, triangle, whole, scene.material(triangle).emission));
+        out.extend(Piece::new(scene, triangle, whole, scene.most_emission(triangle)));
         return;
     }
     let first = out.len();
@@ -97,7 +97,7 @@ fn divide(scene: &Scene, triangle: u32, b: [Vec2; 3], levels: u32, out: &mut Vec
     let values = means.map(luminance);
     let (low, high) = values.iter().fold((f32::MAX, 0.0f32), |(l, h), &v| (l.min(v), h.max(v)));
     // Fewer than four pieces: some had no area.
-    if out.len() <= first + 4 && high <= EVEN * low.max(LEAST * luminance(scene.material(triangle).emission)) {
+    if out.len() <= first + 4 && high <= EVEN * low.max(LEAST * luminance(scene.most_emission(triangle))) {
         out.truncate(first);
         out.extend(Piece::new(scene, triangle, b, mean));
     }
@@ -131,7 +131,7 @@ impl Piece {
             normal: scene.geometric_normal(triangle),
             area: area as f32,
             mean,
-            radiance: mean.max(material.emission * LEAST),
+            radiance: mean.max(scene.most_emission(triangle) * LEAST),
             two_sided: material.double_sided,
             ground: Ground::new(scene.corners(triangle)),
         };

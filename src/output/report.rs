@@ -25,6 +25,8 @@ pub struct Report {
     pub scene: SceneCounts,
     /// Where it lies on the pages.
     pub atlas: AtlasCounts,
+    /// Primitives that rules or `extras` treat otherwise than usual.
+    pub treated: Vec<Treated>,
     /// What `--cut-contacts` did; `null` without it.
     pub contacts: Option<Contacts>,
     /// The walk and its balance of power.
@@ -83,6 +85,25 @@ pub struct AtlasCounts {
     pub utilization: f64,
     /// Mip levels in which charts do not mix.
     pub mip_levels: u32,
+}
+
+/// A primitive as placed by a node that is not treated as usual.
+#[derive(Debug, Clone, Default, serde::Serialize)]
+pub struct Treated {
+    /// Name of the node.
+    pub node: String,
+    /// Index of the mesh and of the primitive in it.
+    pub mesh: [usize; 2],
+    /// Factor of the texels per metre.
+    pub density: f32,
+    /// It may have a lightmap.
+    pub receives: bool,
+    /// Others are lit as if it were there.
+    pub casts: bool,
+    /// Factor of the light that it emits.
+    pub emission: f32,
+    /// Group of what it emits, if that has a name.
+    pub light_group: Option<String>,
 }
 
 /// Triangles cut where other surfaces meet them.
@@ -249,6 +270,7 @@ mod tests {
             light_groups: vec![LightGroup { name: String::new(), files: vec![String::new()] }],
             directional: vec![DirectionalTexture { name: String::new(), files: vec![String::new()] }],
             contacts: Some(Contacts::default()),
+            treated: vec![Treated::default()],
             vertices: Some(Vertices::default()),
             stages: vec![Stage::default()],
             warnings: vec![Warning::new("some-code", "text").at("node 3")],
@@ -262,7 +284,7 @@ mod tests {
              directional[{files[],name}],error{estimated_nrmse},gather{rays,rays_per_texel},\
              inputs,light_groups[{files[],name}],outputs,peak_memory_bytes,rays,rays_per_second,\
              refinement{ended_by,passes[{budget,estimated_nrmse,seconds}],target_error,time_limit},scene{instances,lights,materials,triangles},schema,seams{points,step,step_before,worst,worst_at[]},\
-             settings{},stages[{name,seconds}],version,vertices{averaged_nrmse,fit_nrmse,sampled_nrmse,triangles,unknowns,vertices},walk{bounces,lines,power_absorbed[],power_escaped[],power_in[],\
+             settings{},stages[{name,seconds}],treated[{casts,density,emission,light_group,mesh[],node,receives}],version,vertices{averaged_nrmse,fit_nrmse,sampled_nrmse,triangles,unknowns,vertices},walk{bounces,lines,power_absorbed[],power_escaped[],power_in[],\
              power_residual[]},warnings[{code,message,node}]}"
         );
     }

@@ -6,6 +6,7 @@
 use super::surface::Map;
 use super::{NO_PATCH, Patches, SurfacePoint};
 use crate::atlas::raster::{self, Polygon};
+use crate::scene::Scene;
 use crate::trace::Hit;
 use glam::{DVec2, Vec2};
 
@@ -130,6 +131,14 @@ impl Patches {
     #[must_use]
     pub fn triangles(&self, front: usize) -> &[u32] {
         &self.fragments.triangle[self.fragments.range(front)]
+    }
+
+    /// A patch lights others: see [`Treatment::casts`](crate::scene::Treatment). Of patches that do not, no ray meets the
+    /// surface.
+    #[must_use]
+    pub fn casts(&self, scene: &Scene, patch: usize) -> bool {
+        let triangles = self.triangles(self.front_patch(patch));
+        triangles.first().is_none_or(|&t| scene.part(t).treatment.casts)
     }
 
     /// Where a point of a front patch's texel lies on a triangle, clamped to it [texels from the texel's corner].

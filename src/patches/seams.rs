@@ -2,19 +2,21 @@
 //!
 //! In: patches, and how many of its four sides each has linked within its chart. Out: pairs of patches. The texel grid
 //! knows nothing of them, so they are found in space: the centroids are closer than [`NEAR`] texel edges and lie in one
-//! plane, the normals agree, and the two see each other as linked texels do.
+//! plane, the normals agree, and the two see each other as linked texels do. Texels of very different size, as rules may ask
+//! for, lie in different lattices; of a pair, the one with the smaller texel finds the other.
 //!
 //! Invariants: symmetric, no duplicates, at most [`MOST`] links that a patch chose itself; the same at any thread count.
 //!
-//! Limits: where texels are much larger than the median, or so much smaller that [`CROWD`] of them fit into a cell of
-//! space, some links are missing.
+//! Limits: of many texels that lie in one place, more than [`CROWD`] in three cells of space, some links are missing.
 
 use super::Patches;
 use super::graph::linked;
 use crate::base::{Progress, parallel};
+use crate::scene::Scene;
 use crate::trace::Tracer;
 use glam::{IVec3, Vec3};
 use rayon::slice::ParallelSliceMut;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Distance of centroids in mean texel edges, below which texels may touch: 1 for whole ones side by side.
 const NEAR: f32 = 1.2;
@@ -25,12 +27,16 @@ const MOST: usize = 2;
 /// Candidates that are looked at, nearest first: each costs rays.
 const LOOKS: usize = 4;
 
-/// Cell of space in median texel edges: of even texels, all that are near lie in the cells around.
-const CELL: f32 = 1.25 * NEAR;
+/// Largest texel edge in the lattice around the median one, in median edges; in the others by powers of two.
+const LARGEST: f32 = 1.25;
+/// Powers of two, up and down.
+const MOST_OCTAVES: f32 = 20.0;
+/// Cell of space in median texel edges: all that are near lie in the cells around.
+const CELL: f32 = LARGEST * NEAR;
 /// Most patches that are looked at in three cells in a row, so that time stays in proportion to the patches.
 const CROWD: usize = 256;
 
-/// Border patches by the cell of space that they lie in.
+/// Border patches of texels of about one size by the cell of space that they lie in.
 struct Lattice {
     cell: f32,
     /// Cell and patch, ascending.
@@ -46,8 +52,8 @@ pub(super) fn find(
 ) -> Vec<[u32; 2]> {
     let border: Vec<u32> =
         (0..patches.len()).filter(|&i| patches.exposed[i] > 0.0 && sides(i) < 4).map(|i| i as u32).collect();
-    let lattice = Lattice::new(patches, &border);
-    let found = parallel::map_watched(border.len(), progress, |k| lattice.links(patches, tracer, border[k] as usize));
+    let lattices = Lattices::new(patches, &border);
+    let found = parallel::map_watched(border.len(), progress, |k| lattices.links(patches, tracer, border[k] as usize));
     let mut links: Vec<[u32; 2]> = vec![];
     for (&i, chosen) in border.iter().zip(found) {
         links.extend(chosen.into_iter().flat_map(|j| [[i, j], [j, i]]));
@@ -57,10 +63,50 @@ pub(super) fn find(
     links
 }
 
-impl Lattice {
+/// Lattices for all sizes.
+struct Lattices {
+    median: f32,
+    by_octave: BTreeMap<i32, Lattice>,
+}
+
+impl Lattices {
     fn new(patches: &Patches, border: &[u32]) -> Self {
-        let median = patches.median_edge(border.len(), |k| border[k] as usize);
-        let mut lattice = Self { cell: (CELL * median).max(f32::MIN_POSITIVE), members: vec![] };
+        let median = patches.median_edge(border.len(), |k| border[k] as usize).max(f32::MIN_POSITIVE);
+        let mut lattices = Self { median, by_octave: BTreeMap::new() };
+        let octaves = parallel::map(border.len(), |k| lattices.octave(patches, border[k] as usize));
+        let all: BTreeSet<i32> = octaves.iter().copied().collect();
+        for octave in all {
+            let own: Vec<u32> = border.iter().zip(&octaves).filter(|(_, o)| **o == octave).map(|(i, _)| *i).collect();
+            let cell = CELL * median * libm::exp2f(octave as f32);
+            lattices.by_octave.insert(octave, Lattice::new(patches, &own, cell));
+        }
+        lattices
+    }
+
+    /// 0 for texels of about median size, 1 for those up to twice as long, and so on.
+    fn octave(&self, patches: &Patches, i: usize) -> i32 {
+        let octave = libm::log2f(patches.texel_edge(i) / (LARGEST * self.median)).ceil();
+        octave.clamp(-MOST_OCTAVES, MOST_OCTAVES) as i32
+    }
+
+    fn links(&self, patches: &Patches, tracer: &Tracer<'_>, i: usize) -> Vec<u32> {
+        let mut near: Vec<(f32, u32)> = vec![];
+        for lattice in self.by_octave.range(self.octave(patches, i)..).map(|(_, lattice)| lattice) {
+            lattice.around(patches.position[i], |j| {
+                if let Some(distance) = beside(patches, tracer.scene(), i, j) {
+                    near.push((distance, j as u32));
+                }
+            });
+        }
+        near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let sees = |&(_, j): &(f32, u32)| linked(patches, tracer, i, j as usize);
+        near.into_iter().take(LOOKS).filter(sees).take(MOST).map(|(_, j)| j).collect()
+    }
+}
+
+impl Lattice {
+    fn new(patches: &Patches, border: &[u32], cell: f32) -> Self {
+        let mut lattice = Self { cell: cell.max(f32::MIN_POSITIVE), members: vec![] };
         lattice.members = parallel::map(border.len(), |k| {
             (lattice.cell_of(patches.position[border[k] as usize]).to_array(), border[k])
         });
@@ -83,23 +129,15 @@ impl Lattice {
             self.members[start..].iter().take(CROWD).take_while(|m| m.0 <= key(1)).for_each(|m| visit(m.1 as usize));
         }
     }
-
-    fn links(&self, patches: &Patches, tracer: &Tracer<'_>, i: usize) -> Vec<u32> {
-        let mut near: Vec<(f32, u32)> = vec![];
-        self.around(patches.position[i], |j| {
-            if let Some(distance) = beside(patches, i, j) {
-                near.push((distance, j as u32));
-            }
-        });
-        near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let sees = |&(_, j): &(f32, u32)| linked(patches, tracer, i, j as usize);
-        near.into_iter().take(LOOKS).filter(sees).take(MOST).map(|(_, j)| j).collect()
-    }
 }
 
 /// Distance between two patches in texel edges, if they can be side by side and the texel grid does not know.
-fn beside(patches: &Patches, i: usize, j: usize) -> Option<f32> {
+fn beside(patches: &Patches, scene: &Scene, i: usize, j: usize) -> Option<f32> {
     if i == j || patches.is_back(i) != patches.is_back(j) || on_grid(patches, i, j) {
+        return None;
+    }
+    // The walk's light is missing on what casts none; shared with it, it would be lost.
+    if patches.casts(scene, i) != patches.casts(scene, j) {
         return None;
     }
     let offset = patches.position[j] - patches.position[i];

@@ -63,7 +63,7 @@ impl<'a> Painter<'a> {
         let shade = 0.35 + 0.65 * facing;
         if self.overlay == Overlay::Plain {
             let base = self.scene.base_color(hit.triangle, hit.b).truncate();
-            return Some(base * shade + self.scene.emission(hit.triangle, hit.b));
+            return Some(base * shade + self.scene.shown_emission(hit.triangle, hit.b));
         }
         if self.overlay == Overlay::Shape {
             return Some(Rgb::splat(shade));

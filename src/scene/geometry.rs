@@ -12,6 +12,7 @@ use super::Document;
 use super::Error;
 use super::Material;
 use super::Part;
+use super::Treatment;
 use super::Vertices;
 use super::nodes::Placed;
 use super::nodes::Walk;
@@ -305,15 +306,6 @@ impl Geometry {
                 warnings.push(Warning::new("missing-texcoord", what).at(&name));
             }
         }
-        if morphed || skinned {
-            let what = format!(
-                "node {name} is skinned or morphed: it blocks light as it stands at rest, but gets no lightmap"
-            );
-            warnings.push(Warning::new("deforming-mesh", what).at(&name));
-        } else if plan.placed.animated && plan.primitive == 0 {
-            let what = format!("node {name} is animated: it was baked where it stands at rest");
-            warnings.push(Warning::new("animated-node", what).at(&name));
-        }
         self.parts.push(Part {
             node: plan.placed.node,
             mesh: plan.mesh,
@@ -326,6 +318,7 @@ impl Geometry {
             flat: part.flat,
             has_uv1: local.uv.get(1).is_some_and(Option::is_some),
             receives: !(materials[material].unlit || morphed || skinned),
+            treatment: Treatment::default(),
         });
         let part_index = self.parts.len() as u32 - 1;
         self.triangles.extend(part.triangles.iter().map(|t| t.map(|v| v + first_vertex)));

@@ -2,23 +2,24 @@
 
 use super::Document;
 use super::Error;
+use super::Rule;
 use super::Scene;
 use super::Sky;
 use super::cameras;
 use super::error;
 use super::extensions;
 use super::geometry;
-use super::group;
 use super::group::Groups;
 use super::images;
 use super::material;
 use super::nodes;
 use super::punctual;
+use super::treat::Treater;
 use crate::base::Warned;
 use std::path::Path;
 
 /// What to take from the document, and what it cannot say.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Settings {
     /// Index of the scene; `None` = the document's default scene, else scene 0, else all root nodes.
     pub scene: Option<usize>,
@@ -28,6 +29,8 @@ pub struct Settings {
     pub sun_angle: Option<f32>,
     /// Radius of every point and spot light [m]; `None` = what the document says in `extras`, else 0.
     pub light_radius: Option<f32>,
+    /// What to do otherwise with what has certain names; later ones win.
+    pub rules: Vec<Rule>,
 }
 
 /// Reads a glTF or GLB file, and the buffers and images that it refers to.
@@ -56,10 +59,15 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
     document.decompress_primitives()?;
     let walk = nodes::walk(&document.root, settings.scene)?;
     let mut materials = material::read(&document.root, &mut warnings)?;
-    let geometry = geometry::read(&document, &walk, &materials, &mut warnings)?;
+    let mut geometry = geometry::read(&document, &walk, &materials, &mut warnings)?;
     if geometry.triangles.is_empty() {
         return Err(Error::invalid("nothing to bake: the scene has no visible triangles"));
     }
+    let mut treater = Treater::new(&document.root, &walk, &settings.rules, &mut warnings);
+    let parts_groups = treater.parts(&walk, &mut geometry.parts, &materials, &mut warnings)?;
+    let sizes = [settings.sun_angle, settings.light_radius];
+    let (lights, lights_groups) = punctual::read(&document.root, &walk, sizes, &mut treater, &mut warnings)?;
+    warnings.extend(treater.unused());
     let mut used = vec![false; materials.len()];
     geometry.parts.iter().for_each(|part| used[part.material] = true);
     for (material, _) in materials.iter_mut().zip(used).filter(|(_, used)| !used) {
@@ -68,9 +76,6 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         material.emission_texture = None;
     }
     let textures = images::decode(&mut document, &materials, &mut warnings)?;
-    let materials_groups = group::of_materials(&document.root, &mut warnings);
-    let (lights, lights_groups) =
-        punctual::read(&document.root, &walk, [settings.sun_angle, settings.light_radius], &mut warnings)?;
     let cameras = cameras::read(&document.root, &walk, &mut warnings);
     let scene = Scene {
         document,
@@ -81,7 +86,7 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         materials,
         textures,
         lights,
-        groups: Groups { lights: lights_groups, materials: materials_groups },
+        groups: Groups { lights: lights_groups, parts: parts_groups },
         sky: settings.sky,
         environment: None,
         cameras,

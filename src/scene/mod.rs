@@ -11,10 +11,10 @@
 //! endless loop, or memory use beyond a small multiple of what the files really contain (the exceptions are named and
 //! capped: `accessor.rs`, `geometry.rs`, `images.rs`).
 //!
-//! Codes of warnings: `animated-node`, `bad-alpha-mode`, `bad-camera`, `bad-color`, `bad-light`, `bad-light-group`,
-//! `bad-normals`, `bad-sampler`, `bad-texcoord`, `byte-order-mark`, `deforming-mesh`, `factor-out-of-range`,
-//! `incomplete-triangle`, `missing-texcoord`, `no-positions`, `no-triangles`, `not-triangles`, `trailing-bytes`,
-//! `unsupported-extension`.
+//! Codes of warnings: `animated-node`, `bad-alpha-mode`, `bad-camera`, `bad-color`, `bad-extras`, `bad-light`,
+//! `bad-light-group`, `bad-normals`, `bad-sampler`, `bad-texcoord`, `byte-order-mark`, `dark-emitter`, `deforming-mesh`,
+//! `factor-out-of-range`, `incomplete-triangle`, `missing-texcoord`, `no-positions`, `no-triangles`, `not-triangles`,
+//! `trailing-bytes`, `unsupported-extension`, `unused-rule`.
 
 mod accessor;
 mod cameras;
@@ -24,6 +24,7 @@ mod draco;
 mod environment;
 mod error;
 mod extensions;
+mod extras;
 mod geometry;
 mod group;
 mod images;
@@ -36,9 +37,11 @@ mod origin;
 mod pose;
 mod primitive;
 mod punctual;
+mod rules;
 pub mod schema;
 mod surface;
 mod texture;
+mod treat;
 mod uri;
 
 pub use accessor::AccessorData;
@@ -50,6 +53,7 @@ pub use light::{Light, Sky};
 pub use load::{Settings, load, load_bytes};
 pub use material::{Alpha, Material, TextureRef};
 pub use origin::{Cuts, Origin};
+pub use rules::{Glob, Rule, Treatment};
 pub use texture::{Texture, Wrap};
 
 use core::ops::Range;
@@ -74,7 +78,7 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// Punctual lights in world space.
     pub lights: Vec<Light>,
-    /// Which group each light and material belongs to.
+    /// Which group each light and each part that glows belongs to.
     pub groups: Groups,
     /// Light from infinity in every direction.
     pub sky: Sky,
@@ -122,8 +126,11 @@ pub struct Part {
     pub flat: bool,
     /// The primitive has a `TEXCOORD_1` (then `Vertices::uv[1]` holds it).
     pub has_uv1: bool,
-    /// It gets lightmap texels. False for unlit, skinned and morphed primitives, which still block light.
+    /// It gets lightmap texels. False for unlit, skinned and morphed primitives, which still block light, and where a
+    /// rule says so.
     pub receives: bool,
+    /// What rules and `extras` say.
+    pub treatment: Treatment,
 }
 
 /// A camera of the document.

@@ -6,38 +6,39 @@
 
 use super::Error;
 use super::Light;
-use super::group;
 use super::nodes::Walk;
 use super::schema::LightEntry;
 use super::schema::Root;
+use super::treat::Treater;
 use crate::base::Rgb;
 use crate::base::Warning;
 use core::f32::consts::FRAC_PI_2;
 use glam::DMat4;
 
 /// All lights of the visible nodes, in document order, and the names of their groups. `sizes` overrides angle [rad] of
-/// every sun and radius [m] of every other light.
+/// every sun and radius [m] of every other light; `treater` knows what rules and `extras` say.
 pub(super) fn read(
     root: &Root,
     walk: &Walk,
     sizes: [Option<f32>; 2],
+    treater: &mut Treater<'_>,
     warnings: &mut Vec<Warning>,
 ) -> Result<(Vec<Light>, Vec<Option<String>>), Error> {
     let (mut lights, mut groups) = (Vec::new(), Vec::new());
     for placed in walk.placed.iter().filter(|p| p.visible) {
         let Some(reference) = &root.nodes[placed.node].extensions.light else { continue };
         let name = root.node_name(placed.node);
-        let entry = reference.light.and_then(|light| root.lights().get(light)).ok_or_else(|| {
+        let index = reference.light.unwrap_or(usize::MAX);
+        let entry = root.lights().get(index).ok_or_else(|| {
             let have = root.lights().len();
             Error::invalid(format!("node {name}: its light does not exist, the document has {have}"))
         })?;
         let mut odd =
             |what: String| warnings.push(Warning::new("bad-light", format!("light of node {name}: {what}")).at(&name));
-        if let Some(light) = convert(entry, walk.worlds[placed.node], sizes, &mut odd) {
+        let (factor, group) = treater.light(placed.node, index);
+        if let Some(light) = convert(entry, walk.worlds[placed.node], sizes, factor, &mut odd) {
             lights.push(light);
-            let own = entry.extras.get("texelwalk").and_then(|t| t.get("light_group"));
-            let value = root.nodes[placed.node].light_group.as_ref().or(own);
-            groups.push(group::name(value, &format!("light of node {name}"), warnings));
+            groups.push(group);
         }
         if placed.animated {
             let what = format!("node {name} is animated: its light was baked where it stands at rest");
@@ -47,9 +48,15 @@ pub(super) fn read(
     Ok((lights, groups))
 }
 
-/// `None` = the light cannot be used, and `odd` heard why.
-fn convert(entry: &LightEntry, world: DMat4, sizes: [Option<f32>; 2], odd: &mut impl FnMut(String)) -> Option<Light> {
-    let power = Rgb::from_array(entry.color) * entry.intensity;
+/// `None` = the light cannot be used, and `odd` heard why. Its intensity is multiplied by `factor`.
+fn convert(
+    entry: &LightEntry,
+    world: DMat4,
+    sizes: [Option<f32>; 2],
+    factor: f32,
+    odd: &mut impl FnMut(String),
+) -> Option<Light> {
+    let power = Rgb::from_array(entry.color) * (entry.intensity * factor);
     if !(power.is_finite() && power.min_element() >= 0.0) {
         odd("its colour or intensity is negative or not finite; it was left out".to_owned());
         return None;

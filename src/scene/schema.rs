@@ -13,12 +13,12 @@
 #![allow(missing_docs, reason = "the names are those of the glTF 2.0 specification and its extensions")]
 
 pub use super::draco::Draco;
+pub use super::extras::Own;
 pub use super::meshopt::{CompressedView, Fallback, Meshopt};
 use serde::Deserialize;
 use serde::Deserializer;
 use serde::de::IgnoredAny;
 use serde_json::Value;
-use serde_json::value::RawValue;
 use std::collections::BTreeMap;
 
 /// Attribute semantic → accessor index.
@@ -135,24 +135,7 @@ pub struct Node {
     pub scale: Option<[f64; 3]>,
     pub weights: Option<Vec<f32>>,
     pub extensions: NodeExtensions,
-    #[serde(rename = "extras", deserialize_with = "light_group")]
-    pub light_group: Option<Value>,
-}
-
-/// `extras.texelwalk.light_group`. Extras may hold anything, and what else they hold does not matter.
-fn light_group<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<Value>, D::Error> {
-    #[derive(Default, Deserialize)]
-    #[serde(default)]
-    struct Extras {
-        texelwalk: Own,
-    }
-    #[derive(Default, Deserialize)]
-    #[serde(default)]
-    struct Own {
-        light_group: Option<Value>,
-    }
-    let extras = Box::<RawValue>::deserialize(deserializer)?;
-    Ok(serde_json::from_str(extras.get()).ok().and_then(|e: Extras| e.texelwalk.light_group))
+    pub extras: Own,
 }
 
 #[derive(Debug, Default, Clone, Deserialize)]
@@ -191,6 +174,7 @@ pub struct Mesh {
     pub name: Option<String>,
     pub primitives: Vec<Primitive>,
     pub weights: Option<Vec<f32>>,
+    pub extras: Own,
 }
 
 #[derive(Debug, Default, Clone, Deserialize)]
@@ -288,8 +272,7 @@ pub struct MaterialEntry {
     pub alpha_cutoff: f32,
     pub double_sided: bool,
     pub extensions: MaterialExtensions,
-    #[serde(rename = "extras", deserialize_with = "light_group")]
-    pub light_group: Option<Value>,
+    pub extras: Own,
 }
 
 impl Default for MaterialEntry {
@@ -303,7 +286,7 @@ impl Default for MaterialEntry {
             alpha_cutoff: 0.5,
             double_sided: false,
             extensions: MaterialExtensions::default(),
-            light_group: None,
+            extras: Own::Missing,
         }
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! A point is given by `b = (b1, b2)`, the barycentric weights of the triangle's vertices 1 and 2.
 
-use super::{Alpha, Material, Part, Scene, TextureRef};
+use super::{Alpha, Material, Part, Scene, TextureRef, Treatment};
 use crate::base::Rgb;
 use glam::{Vec2, Vec3, Vec4};
 
@@ -86,9 +86,22 @@ impl Scene {
         (base * (1.0 - metallic)).clamp(Rgb::ZERO, Rgb::ONE)
     }
 
-    /// Emitted radiance of the front side [cd/m²] (both sides of a double-sided material).
+    /// Emitted radiance of the front side [cd/m²] (both sides of a double-sided material), as others are lit by it.
     #[must_use]
     pub fn emission(&self, triangle: u32, b: Vec2) -> Rgb {
+        let Treatment { casts, emission, .. } = self.part(triangle).treatment;
+        if casts { self.shown_emission(triangle, b) * emission } else { Rgb::ZERO }
+    }
+
+    /// The same without the texture: no point of the triangle emits more [cd/m²].
+    #[must_use]
+    pub fn most_emission(&self, triangle: u32) -> Rgb {
+        self.material(triangle).emission * self.part(triangle).treatment.emission
+    }
+
+    /// Emitted radiance as the document has it, which is what can be seen [cd/m²].
+    #[must_use]
+    pub fn shown_emission(&self, triangle: u32, b: Vec2) -> Rgb {
         let material = self.material(triangle);
         if !material.glows() {
             return Rgb::ZERO;

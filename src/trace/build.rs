@@ -10,7 +10,7 @@
 //! box is flat, no point of a triangle lies on the border of its box, and the rounding of the double-precision triangle
 //! test (2⁻⁵³ of the distance) cannot put a hit outside of the box. See `traverse`.
 //!
-//! Invariants: every triangle with area and finite corners is in exactly one packet; the same bytes at every thread
+//! Invariants: every triangle of a kept part with area and finite corners is in exactly one packet; the same bytes at every thread
 //! count; recursion is no deeper than that of `collapse`. Limit: 2²⁸ triangles.
 
 use super::collapse::Branch;
@@ -22,6 +22,7 @@ use super::split::Bounds;
 use super::split::Item;
 use crate::base::parallel;
 use crate::scene::Alpha;
+use crate::scene::Part;
 use crate::scene::Scene;
 use core::mem::take;
 use glam::{DVec3, Vec3};
@@ -145,8 +146,9 @@ pub(super) struct Hierarchy {
 }
 
 impl Hierarchy {
-    pub(super) fn new(scene: &Scene) -> Self {
-        let mut items = usable(scene);
+    /// Of the triangles of parts that are kept.
+    pub(super) fn new(scene: &Scene, keep: impl Fn(&Part) -> bool + Sync) -> Self {
+        let mut items = usable(scene, keep);
         if items.is_empty() {
             return Self::default();
         }
@@ -184,10 +186,10 @@ impl Hierarchy {
     }
 }
 
-/// Triangles that have area and finite corners, with unpadded boxes.
-fn usable(scene: &Scene) -> Vec<Item> {
+/// Triangles of kept parts that have area and finite corners, with unpadded boxes.
+fn usable(scene: &Scene, keep: impl Fn(&Part) -> bool + Sync) -> Vec<Item> {
     let chunks = parallel::map_chunks(scene.triangles.len().min(MAX_TRIANGLES), 1 << 14, |range| {
-        range.filter_map(|i| item(scene, i as u32)).collect::<Vec<_>>()
+        range.filter(|i| keep(scene.part(*i as u32))).filter_map(|i| item(scene, i as u32)).collect::<Vec<_>>()
     });
     chunks.concat()
 }

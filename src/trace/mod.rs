@@ -30,7 +30,7 @@ mod within;
 pub use lift::Lift;
 pub use origin::Ground;
 
-use crate::scene::Scene;
+use crate::scene::{Part, Scene};
 use build::Hierarchy;
 use glam::{DVec3, Vec2, Vec3};
 use lanes::Portable;
@@ -102,11 +102,23 @@ impl From<&Ray> for Ray3 {
 }
 
 impl<'a> Tracer<'a> {
+    /// Of what takes part in light: parts that cast none are left out.
+    ///
     /// Builds the hierarchy, in parallel; the same bytes at every thread count. An empty scene is fine. Triangles
     /// without area or with a coordinate that is not finite are left out.
     #[must_use]
     pub fn new(scene: &'a Scene) -> Self {
-        let hierarchy = Hierarchy::new(scene);
+        Self::of(scene, |part| part.treatment.casts)
+    }
+
+    /// Of everything, for pictures.
+    #[must_use]
+    pub fn of_all(scene: &'a Scene) -> Self {
+        Self::of(scene, |_| true)
+    }
+
+    fn of(scene: &'a Scene, keep: impl Fn(&Part) -> bool + Sync) -> Self {
+        let hierarchy = Hierarchy::new(scene, keep);
         #[cfg(target_arch = "x86_64")]
         let avx2 = machine::Avx2::detect().filter(|_| machine::Avx2::within(hierarchy.reach() as f32));
         Self {

@@ -265,6 +265,7 @@ pub(crate) fn scene(meshes: &[Mesh]) -> Scene {
             flat: false,
             has_uv1,
             receives: true,
+            treatment: texelwalk::scene::Treatment::default(),
         });
     }
     scene

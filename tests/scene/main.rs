@@ -31,6 +31,7 @@ const NONE: Settings = Settings {
     sky: scene::Sky { zenith: Vec3::ZERO, horizon: Vec3::ZERO, ground: Vec3::ZERO },
     sun_angle: None,
     light_radius: None,
+    rules: vec![],
 };
 
 fn load_with(b: &Builder, settings: &Settings) -> Warned<Scene> {

@@ -1,5 +1,7 @@
 //! A baked GLB whose coordinates and texels can be altered, to plant faults.
 
+#![allow(dead_code, reason = "each test crate uses its own part of this file")]
+
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};

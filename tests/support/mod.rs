@@ -57,6 +57,7 @@ pub fn scene_with_material(triangles: &[[Vec3; 3]], material: Material) -> Scene
         flat: true,
         has_uv1: false,
         receives: true,
+        treatment: texelwalk::scene::Treatment::default(),
     });
     scene.materials.push(material);
     scene

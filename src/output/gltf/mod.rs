@@ -6,7 +6,7 @@
 //! * a texture per page, whose core image is the PNG preview and whose `extras.lightmap.uri` is the EXR, because a
 //!   texture without a core image, or an EXR among the images, makes loaders refuse the file;
 //! * `extras.lightmap` on the scenes that show baked nodes: a manifest of the pages, with the number of mip levels that
-//!   loaders can make from them without mixing charts;
+//!   loaders can make from them without mixing charts, and with what rules did to primitives (`treated`);
 //! * with light by normal, `directional` beside each of these URIs (see `output::directional`);
 //! * with formats other than the plain EXR, `files` beside each of these URIs (see `formats`); with `--exr-image` the EXR
 //!   among the images, too, behind `EXT_texture_exr` of the texture;
@@ -27,9 +27,11 @@ mod material;
 mod mesh;
 mod plan;
 mod preview;
+mod treated;
 mod vertex;
 
 pub use preview::preview;
+pub use treated::Treated;
 pub use vertex::Attributes;
 pub use vertex::VertexSettings;
 pub use vertex::write_vertex_gltf;
@@ -135,7 +137,7 @@ pub fn write_gltf(
         let edit = |text: &str, l: Use| with_lightmap(text, first_texture + l.page as usize, l.set, settings.quantity);
         materials.write(&mut splice, &root, edit).map_err(fault)?;
         textures(&mut splice, &root, &uris).map_err(fault)?;
-        let manifest = manifest(atlas, &uris, first_texture, settings.quantity);
+        let manifest = manifest(scene, atlas, &uris, first_texture, settings.quantity);
         manifests(&mut splice, &root, &elements, &instances, &manifest, &mut warnings).map_err(fault)?;
     }
     generator(&mut splice, &root, &settings.generator).map_err(fault)?;
@@ -241,7 +243,7 @@ fn declare(splice: &mut Splice<'_>, root: &Element<'_>, extensions: &[&str]) -> 
     if new.is_empty() { Ok(()) } else { splice.append_at(root, "extensionsUsed", new) }
 }
 
-fn manifest(atlas: &Atlas, uris: &PageUris, first_texture: usize, quantity: Quantity) -> String {
+fn manifest(scene: &Scene, atlas: &Atlas, uris: &PageUris, first_texture: usize, quantity: Quantity) -> String {
     let [width, height] = atlas.page_size;
     let page = |(i, page): (usize, &PageUri)| {
         let (uri, texture, files) = (quoted(&page.uri), first_texture + i, &page.files);
@@ -249,10 +251,11 @@ fn manifest(atlas: &Atlas, uris: &PageUris, first_texture: usize, quantity: Quan
     };
     let pages: Vec<String> = uris.pages.iter().enumerate().map(page).collect();
     format!(
-        "{{\"version\": 1, \"quantity\": \"{}\", \"texCoord\": 1, \"mipLevels\": {}, \"pages\": [{}]}}",
+        "{{\"version\": 1, \"quantity\": \"{}\", \"texCoord\": 1, \"mipLevels\": {}, \"pages\": [{}]{}}}",
         quantity.name(),
         atlas.mips,
-        pages.join(", ")
+        pages.join(", "),
+        treated::manifest(scene)
     )
 }
 
