@@ -6,7 +6,7 @@
 //! of 8 × 8 cells. Where we differ: cells are tested only where something stands near or over the texel's centre.
 //!
 //! A point is hidden when at least [`HIDDEN_HITS`] of [`PROBES`] rays over its hemisphere meet the back of single-sided
-//! surfaces: it then lies in a solid. Sheets and double-sided surfaces hide nothing. A point of a single-sided surface
+//! surfaces, or more backs than fronts on their way out of the scene: it then lies in a solid. Sheets and double-sided surfaces hide nothing. A point of a single-sided surface
 //! is hidden too when another surface lies on it face to face, as the underside of a crate and the floor do.
 //!
 //! Limits: a floor that is closed in by single-sided surfaces which all face away from it counts as hidden.
@@ -15,12 +15,14 @@ use super::cells::{MASK_GRID, cell_index};
 use super::{Patches, SurfacePoint};
 use crate::base::{Frame, Progress, parallel, warp};
 use crate::trace::{Ground, Ray, Tracer};
-use glam::{Vec2, Vec3};
+use glam::{DVec2, Vec2, Vec3};
 
 /// Rays per point. Fewer misjudge points near the mouth of a hollow.
 const PROBES: u32 = 8;
 /// Hits on backs that make a point hidden; one may go astray through a crack.
 const HIDDEN_HITS: u32 = 7;
+/// Rays that meet a back first in any solid, whatever goes through it.
+const LEAST_BACKS: u32 = 3;
 /// Height of the short rays that look for things standing on a texel, in texel edges: higher misses skirting boards,
 /// lower meets the surface itself where it is curved.
 const LOW: f32 = 0.06;
@@ -233,28 +235,42 @@ fn is_sealed(tracer: &Tracer<'_>, point: SurfacePoint, about: About) -> bool {
         && tracer.sealed(&Ground::new(scene.corners(triangle)), triangle, b)
 }
 
+/// A point of a front patch [texels from the texel's corner] is not hidden.
+pub(super) fn is_open(patches: &Patches, tracer: &Tracer<'_>, front: usize, within: DVec2) -> bool {
+    let outside = |f: usize| patches.map(patches.fragments.triangle[f], front).outside(within);
+    let range = patches.fragments.range(front);
+    let nearest = range.clone().fold(range.start, |best, f| if outside(f) < outside(best) { f } else { best });
+    let point = patches.point_on(front, patches.fragments.triangle[nearest], within);
+    !is_hidden(tracer, point, About { any: true, faced: true })
+}
+
 fn is_hidden(tracer: &Tracer<'_>, point: SurfacePoint, about: About) -> bool {
     is_sealed(tracer, point, about) || is_inside(tracer, point)
 }
 
-/// The point lies in a solid.
+/// The point lies in a solid. Rays inside one may first meet the front of another that goes through it: then all that
+/// they meet is counted.
 fn is_inside(tracer: &Tracer<'_>, point: SurfacePoint) -> bool {
     let scene = tracer.scene();
     let ground = Ground::new(scene.corners(point.triangle));
     let frame = Frame::from_normal(ground.normal());
-    let mut misses = 0;
+    let mut fronts = vec![];
     for k in 0..PROBES {
         let u = Vec2::new((k as f32 + 0.5) / PROBES as f32, (k as f32 * 0.618_034 + 0.3).fract());
         let direction = frame.to_world(warp::square_to_cosine_hemisphere(u));
         let origin = tracer.leave(&ground, point.b, direction);
-        let hit = tracer.closest_hit(&Ray { origin, direction, t_max: f32::INFINITY });
-        let behind = hit.is_some_and(|h| !h.front && !scene.material(h.triangle).double_sided);
-        if !behind {
-            misses += 1;
-            if misses > PROBES - HIDDEN_HITS {
-                return false;
-            }
+        let ray = Ray { origin, direction, t_max: f32::INFINITY };
+        match tracer.closest_hit(&ray) {
+            Some(hit) if !hit.front && !scene.material(hit.triangle).double_sided => {}
+            // Nothing closes the way out.
+            None => fronts.push(None),
+            Some(_) => fronts.push(Some(ray)),
+        }
+        if fronts.len() > (PROBES - LEAST_BACKS) as usize {
+            return false;
         }
     }
-    true
+    let misses = (PROBES - HIDDEN_HITS) as usize;
+    let out = |ray: &Option<Ray>| ray.is_none_or(|ray| !tracer.leaves_solid(&ray));
+    fronts.len() <= misses || fronts.iter().filter(|ray| out(ray)).take(misses + 1).count() <= misses
 }

@@ -16,6 +16,7 @@ mod cells;
 mod exposed;
 mod graph;
 mod place;
+mod readers;
 mod seams;
 mod surface;
 mod texel;
@@ -24,6 +25,7 @@ mod turn;
 
 pub use graph::{COS_FACING, HEIGHTS, PatchGraph};
 pub use place::Seen;
+pub use readers::{Unlit, around};
 pub use surface::{PatchSurface, Spot};
 pub use tilt::{Shine, Tilt, Tilts};
 
@@ -59,6 +61,8 @@ pub struct Patches {
     pub page_size: [u32; 2],
     /// Centroid of the exposed part of each front patch [texels from the texel's corner].
     pub centroid: Vec<Vec2>,
+    /// Texels without exposed surface beside others, and who reads them, by page, column and row.
+    pub unlit: Vec<Unlit>,
     /// Front patch of each back patch, by index − `front`.
     pub front_of: Vec<u32>,
     back_of: Vec<u32>,
@@ -111,6 +115,7 @@ impl Patches {
         let mut patches = texel::patches(tracer.scene(), atlas);
         exposed::find(&mut patches, tracer, progress);
         patches.centroid = parallel::map(patches.front, |i| patches.centroid_of(i));
+        patches.unlit = readers::find(&patches, tracer, progress);
         patches
     }
 

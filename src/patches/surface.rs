@@ -89,7 +89,7 @@ impl Map {
     }
 
     /// How far a point is outside the triangle, as a weight; 0 inside.
-    fn outside(&self, point: DVec2) -> f64 {
+    pub(super) fn outside(&self, point: DVec2) -> f64 {
         let p = point - self.corner;
         let (b1, b2) = (p.perp_dot(self.edges[1]) / self.area, self.edges[0].perp_dot(p) / self.area);
         (-b1).max(-b2).max(b1 + b2 - 1.0).max(0.0)

@@ -25,6 +25,7 @@ mod split;
 mod stack;
 mod traverse;
 mod triangle;
+mod winding;
 mod within;
 
 pub use lift::Lift;

@@ -1,0 +1,131 @@
+//! Which exposed surface reads a texel that has none itself, as one under a wall: its bilinear look-ups reach the texel.
+//!
+//! In: patches and tracer. Out: for texels without exposed surface that are, or touch, a texel with hidden surface, the
+//! weights of their eight neighbours: that of the texel in their look-ups, integrated over their exposed surface.
+//!
+//! What is exposed is known by cells of a mask ([`exposed`](super::exposed)), so a look-up from beyond the middle of the
+//! last open cell is overlooked. Where nothing else reads a texel, that decides whose light it holds: of a wall exactly two
+//! texels thick, a millimetre from it, 2.6 % of the light of the other side was read. There the border of what is exposed is
+//! found by bisection.
+//!
+//! Limits: walls thinner than two texels are read from both sides, turned by 45° against the texels those thinner than 2√2.
+
+use super::cells::MASK_GRID;
+use super::{Patches, exposed};
+use crate::base::{Progress, parallel};
+use crate::trace::Tracer;
+use glam::{DVec2, Vec2};
+
+/// Cells per side over which the weight of a whole texel is integrated.
+const CELLS: u32 = 4;
+/// Width of a cell of the mask [texels].
+const CELL: f64 = 1.0 / MASK_GRID as f64;
+/// Halvings of a cell: to a ten-thousandth of a texel.
+const HALVINGS: u32 = 10;
+
+/// A texel without exposed surface, and who reads it.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Unlit {
+    /// Page, column and row.
+    pub texel: [u32; 3],
+    /// Weights of its neighbours, in the order of [`around`] [texel²]; all zero if none reads it.
+    pub weights: [f32; 8],
+}
+
+/// Offsets of the eight neighbours of a texel.
+pub fn around() -> impl Iterator<Item = (i32, i32)> {
+    (0..9).filter(|k| *k != 4).map(|k| (k % 3 - 1, k / 3 - 1))
+}
+
+/// All such texels, by page, column and row.
+pub(super) fn find(patches: &Patches, tracer: &Tracer<'_>, progress: &Progress) -> Vec<Unlit> {
+    let texels = beside_hidden(patches);
+    parallel::map_watched(texels.len(), progress, |k| unlit(patches, tracer, texels[k]))
+}
+
+fn unlit(patches: &Patches, tracer: &Tracer<'_>, texel: [u32; 3]) -> Unlit {
+    let [page, x, y] = texel;
+    let own = patches.front_at(page, x as i32, y as i32);
+    let mut neighbours = [None; 8];
+    for (neighbour, (dx, dy)) in neighbours.iter_mut().zip(around()) {
+        let exposed =
+            |j: &usize| patches.exposed[*j] > 0.0 && own.is_none_or(|i| patches.chart(i) == patches.chart(*j));
+        let offset = Vec2::new(dx as f32, dy as f32);
+        *neighbour = patches.front_at(page, x as i32 + dx, y as i32 + dy).filter(exposed).map(|j| (j, offset));
+    }
+    let weigh = |by: &dyn Fn(usize, Vec2) -> f32| neighbours.map(|n| n.map_or(0.0, |(j, offset)| by(j, offset)));
+    let mut weights = weigh(&|j, offset| read_by(patches, j, offset));
+    if weights == [0.0; 8] {
+        weights = weigh(&|j, offset| barely_read_by(patches, tracer, j, offset.as_dvec2()));
+    }
+    Unlit { texel, weights }
+}
+
+/// Texels without exposed surface that are, or touch, a texel with hidden surface.
+fn beside_hidden(patches: &Patches) -> Vec<[u32; 3]> {
+    let [width, height] = patches.page_size;
+    let mut texels = vec![];
+    for i in (0..patches.front).filter(|&i| patches.exposed[i] < 1.0) {
+        let (page, (x, y)) = (patches.page(i), patches.texel_xy(i));
+        for (dx, dy) in around().chain([(0, 0)]) {
+            let (u, v) = (x as i32 + dx, y as i32 + dy);
+            let inside = u >= 0 && v >= 0 && u < width as i32 && v < height as i32;
+            if inside && patches.front_at(page, u, v).is_none_or(|j| patches.exposed[j] <= 0.0) {
+                texels.push([page, u as u32, v as u32]);
+            }
+        }
+    }
+    texels.sort_unstable();
+    texels.dedup();
+    texels
+}
+
+/// Weight of a texel in the look-ups of the exposed surface of patch `j`, which lies at `offset` from it [texel²].
+fn read_by(patches: &Patches, j: usize, offset: Vec2) -> f32 {
+    let mut sum = 0.0;
+    patches.cells(j, CELLS, |_, within, area| {
+        let reach = (Vec2::ONE - (offset + within - 0.5).abs()).max(Vec2::ZERO);
+        sum += area * reach.x * reach.y;
+    });
+    sum
+}
+
+/// The same where cells say zero: the largest weight of any look-up, over a cell of the mask [texel²].
+fn barely_read_by(patches: &Patches, tracer: &Tracer<'_>, j: usize, offset: DVec2) -> f32 {
+    let mut middles = vec![];
+    patches.cells(j, MASK_GRID, |_, within, _| {
+        let within = within.as_dvec2();
+        if (DVec2::ONE - (offset + within - 0.5).abs()).min_element() > -CELL {
+            middles.push(within);
+        }
+    });
+    let is_open = |within: DVec2| {
+        let inside = within.cmpge(DVec2::ZERO).all() && within.cmple(DVec2::ONE).all();
+        inside && exposed::is_open(patches, tracer, j, within)
+    };
+    let weight = |middle: DVec2| {
+        let far = (0..2).fold(middle, |from, axis| outermost(from, -offset, axis, &is_open));
+        let reach = (DVec2::ONE - (offset + far - 0.5).abs()).max(DVec2::ZERO);
+        (reach.x * reach.y * CELL * CELL) as f32
+    };
+    middles.into_iter().map(weight).fold(0.0, f32::max)
+}
+
+/// The last open point on the way from an open one along an axis, by at most the width of a cell.
+fn outermost(from: DVec2, toward: DVec2, axis: usize, is_open: &dyn Fn(DVec2) -> bool) -> DVec2 {
+    let at = |way: f64| {
+        let mut point = from;
+        point[axis] += toward[axis] * way;
+        point
+    };
+    let (mut open, mut closed) = (0.0, CELL);
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (open + closed);
+        if is_open(at(middle)) {
+            open = middle;
+        } else {
+            closed = middle;
+        }
+    }
+    at(open)
+}
