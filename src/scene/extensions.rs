@@ -8,7 +8,8 @@ use super::schema::Root;
 use crate::base::Warning;
 
 /// Read and honoured.
-const IMPLEMENTED: [&str; 10] = [
+const IMPLEMENTED: [&str; 11] = [
+    "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_webp",
     "KHR_draco_mesh_compression",
@@ -48,11 +49,10 @@ const NEUTRAL: [&str; 20] = [
 ];
 
 /// What to do about extensions that people meet.
-const ADVICE: [(&str, &str); 5] = [
+const ADVICE: [(&str, &str); 4] = [
     ("KHR_texture_basisu", "bake the version of the file that still has PNG or JPEG textures"),
     ("MSFT_texture_dds", "bake the version of the file that still has PNG or JPEG textures"),
     ("EXT_texture_avif", "bake the version of the file that still has PNG or JPEG textures"),
-    ("EXT_mesh_gpu_instancing", "turn the instances into nodes first"),
     (
         "KHR_materials_pbrSpecularGlossiness",
         "convert the materials first, for example with `gltf-transform metalrough`",

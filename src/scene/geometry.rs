@@ -120,10 +120,6 @@ fn plan(
         let Some(entry) = root.meshes.get(mesh) else {
             return Err(Error::invalid(format!("node {name}: mesh {mesh} does not exist")));
         };
-        if root.nodes[placed.node].extensions.instancing.is_some() {
-            let what = format!("node {name}: EXT_mesh_gpu_instancing is not supported; only one instance was baked");
-            warnings.push(Warning::new("unsupported-extension", what).at(&name));
-        }
         for primitive in 0..entry.primitives.len() {
             let known = match surveyed.get(&(mesh, primitive)) {
                 Some(known) => *known,
@@ -216,6 +212,9 @@ fn place(
     }
     let mut warnings = Vec::new();
     let normal = normals(&local, &pose, mirrored, &position, &triangles, |bad| {
+        if root.nodes[plan.placed.node].instance > 0 {
+            return; // One warning for all instances.
+        }
         let what = format!("{name}: {bad} normals are zero or not finite; those of the triangles around were used");
         warnings.push(Warning::new("bad-normals", what).at(root.node_name(plan.placed.node)));
     });
@@ -294,7 +293,8 @@ impl Geometry {
         let count = part.position.len();
         let morphed = !entry.targets.is_empty();
         let skinned = node.skin.is_some();
-        for texture in materials[material].textures() {
+        let first_instance = node.instance == 0;
+        for texture in materials[material].textures().filter(|_| first_instance) {
             if local.uv.get(texture.uv_set).is_none_or(Option::is_none) {
                 let what = format!(
                     "{}: its material {} uses TEXCOORD_{}, which it lacks; 0 was used",
@@ -305,12 +305,12 @@ impl Geometry {
                 warnings.push(Warning::new("missing-texcoord", what).at(&name));
             }
         }
-        if morphed || skinned {
+        if (morphed || skinned) && first_instance {
             let what = format!(
                 "node {name} is skinned or morphed: it blocks light as it stands at rest, but gets no lightmap"
             );
             warnings.push(Warning::new("deforming-mesh", what).at(&name));
-        } else if plan.placed.animated && plan.primitive == 0 {
+        } else if !(morphed || skinned) && plan.placed.animated && plan.primitive == 0 && first_instance {
             let what = format!("node {name} is animated: it was baked where it stands at rest");
             warnings.push(Warning::new("animated-node", what).at(&name));
         }

@@ -1,4 +1,4 @@
-//! Puts the parts of the loader in order: container, extensions, buffers, what is compressed, nodes, materials, geometry, images, lights.
+//! Puts the parts of the loader in order: container, extensions, buffers, what is compressed, instances, nodes, materials, geometry, images, lights.
 
 use super::Document;
 use super::Error;
@@ -54,6 +54,7 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
     document.load_buffers()?;
     document.decompress_views()?;
     document.decompress_primitives()?;
+    document.expand_instances()?;
     let walk = nodes::walk(&document.root, settings.scene)?;
     let mut materials = material::read(&document.root, &mut warnings)?;
     let geometry = geometry::read(&document, &walk, &materials, &mut warnings)?;

@@ -27,6 +27,7 @@ mod extensions;
 mod geometry;
 mod group;
 mod images;
+mod instancing;
 mod light;
 mod load;
 mod material;

@@ -13,6 +13,7 @@
 #![allow(missing_docs, reason = "the names are those of the glTF 2.0 specification and its extensions")]
 
 pub use super::draco::Draco;
+pub use super::instancing::Instancing;
 pub use super::meshopt::{CompressedView, Fallback, Meshopt};
 use serde::Deserialize;
 use serde::Deserializer;
@@ -137,6 +138,9 @@ pub struct Node {
     pub extensions: NodeExtensions,
     #[serde(rename = "extras", deserialize_with = "light_group")]
     pub light_group: Option<Value>,
+    /// Which instance of `EXT_mesh_gpu_instancing` it stands for; 0 for any other node.
+    #[serde(skip)]
+    pub instance: usize,
 }
 
 /// `extras.texelwalk.light_group`. Extras may hold anything, and what else they hold does not matter.
@@ -163,7 +167,7 @@ pub struct NodeExtensions {
     #[serde(rename = "KHR_node_visibility")]
     pub visibility: Option<Visibility>,
     #[serde(rename = "EXT_mesh_gpu_instancing")]
-    pub instancing: Option<IgnoredAny>,
+    pub instancing: Option<Instancing>,
 }
 
 #[derive(Debug, Default, Clone, Deserialize)]
