@@ -8,7 +8,7 @@ use super::schema::Root;
 use crate::base::Warning;
 
 /// Read and honoured.
-const IMPLEMENTED: [&str; 11] = [
+const IMPLEMENTED: [&str; 12] = [
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_webp",
@@ -19,6 +19,7 @@ const IMPLEMENTED: [&str; 11] = [
     "KHR_mesh_quantization",
     "KHR_meshopt_compression",
     "KHR_node_visibility",
+    "KHR_texture_basisu",
     "KHR_texture_transform",
 ];
 
@@ -49,8 +50,7 @@ const NEUTRAL: [&str; 20] = [
 ];
 
 /// What to do about extensions that people meet.
-const ADVICE: [(&str, &str); 4] = [
-    ("KHR_texture_basisu", "bake the version of the file that still has PNG or JPEG textures"),
+const ADVICE: [(&str, &str); 3] = [
     ("MSFT_texture_dds", "bake the version of the file that still has PNG or JPEG textures"),
     ("EXT_texture_avif", "bake the version of the file that still has PNG or JPEG textures"),
     (

@@ -17,6 +17,7 @@
 //! `unsupported-extension`.
 
 mod accessor;
+mod basis;
 mod cameras;
 mod container;
 mod document;

@@ -406,7 +406,7 @@ pub struct TextureExtensions {
     #[serde(rename = "EXT_texture_webp")]
     pub webp: Option<TextureSource>,
     #[serde(rename = "KHR_texture_basisu")]
-    pub basisu: Option<IgnoredAny>,
+    pub basisu: Option<TextureSource>,
     #[serde(rename = "MSFT_texture_dds")]
     pub dds: Option<IgnoredAny>,
 }

@@ -127,7 +127,7 @@ fn versions_and_extensions() -> Vec<Case> {
             b.json["asset"] = json!({"version": "2.9", "minVersion": "2.7"});
         }),
         triangle("unknown required extension", Unsupported, &["ACME_quantum_mesh"], require("ACME_quantum_mesh")),
-        triangle("required Basis", Unsupported, &["KHR_texture_basisu", "PNG"], require("KHR_texture_basisu")),
+        triangle("required DDS", Unsupported, &["MSFT_texture_dds", "PNG"], require("MSFT_texture_dds")),
         triangle("Draco without bytes", Invalid, &["mesh 0, primitive 0", "no buffer view"], |b| {
             b.json["extensionsUsed"] = json!(["KHR_draco_mesh_compression"]);
             b.json["accessors"][0].as_object_mut().unwrap().remove("bufferView");
@@ -425,8 +425,8 @@ fn materials() -> Vec<Case> {
             let info = json!({"index": 0, "texCoord": 99});
             material(json!({"pbrMetallicRoughness": {"baseColorTexture": info}}))(b);
         }),
-        triangle("texture that exists only as Basis", Unsupported, &["KHR_texture_basisu", "Wood"], |b| {
-            b.push("textures", json!({"extensions": {"KHR_texture_basisu": {"source": 0}}}));
+        triangle("texture that exists only as DDS", Unsupported, &["MSFT_texture_dds", "Wood"], |b| {
+            b.push("textures", json!({"extensions": {"MSFT_texture_dds": {"source": 0}}}));
             material(color(0))(b);
         }),
         triangle("texture without an image", Invalid, &["Wood", "no image"], |b| {
