@@ -159,7 +159,7 @@ fn every_instance_gets_the_light_that_a_node_gets() {
 
 #[test]
 #[ignore = "slow: makes a Python environment, minutes"]
-fn the_validator_finds_no_fault() {
+fn nothing_is_invalid_or_lost() {
     let folder = crosscheck_env::folder("instancing");
     let mut b = instanced(json!({}));
     // The validator knows neither this name nor what an accessor that only an unknown extension uses is for.
@@ -171,6 +171,8 @@ fn the_validator_finds_no_fault() {
         "checks/validate.py",
         &[crosscheck_env::text(&baked), "--input", crosscheck_env::text(&input)],
     );
+    let [input, baked] = [&input, &baked].map(|file| crosscheck_env::text(file));
+    crosscheck_env::accepts("checks/preserved.py", &[input, baked]);
 }
 
 impl Builder {

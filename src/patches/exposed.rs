@@ -14,6 +14,7 @@
 use super::cells::{MASK_GRID, cell_index};
 use super::{Patches, SurfacePoint};
 use crate::base::{Frame, Progress, parallel, warp};
+use crate::scene::Material;
 use crate::trace::{Ground, Ray, Tracer};
 use glam::{Vec2, Vec3};
 
@@ -242,7 +243,9 @@ fn is_inside(tracer: &Tracer<'_>, point: SurfacePoint) -> bool {
         let direction = frame.to_world(warp::square_to_cosine_hemisphere(u));
         let origin = tracer.leave(&ground, point.b, direction);
         let hit = tracer.closest_hit(&Ray { origin, direction, t_max: f32::INFINITY });
-        let behind = hit.is_some_and(|h| !h.front && !scene.material(h.triangle).double_sided);
+        // The inside of a glass or a lampshade is no solid.
+        let solid = |m: &Material| !m.is_two_sided() && m.transmission == 0.0;
+        let behind = hit.is_some_and(|h| !h.front && solid(scene.material(h.triangle)));
         if !behind {
             misses += 1;
             if misses > PROBES - HIDDEN_HITS {

@@ -67,6 +67,9 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         material.base_color_texture = None;
         material.metallic_texture = None;
         material.emission_texture = None;
+        material.specular_texture = None;
+        material.transmission_texture = None;
+        material.translucency = None;
     }
     let textures = images::decode(&mut document, &materials, &mut warnings)?;
     let materials_groups = group::of_materials(&document.root, &mut warnings);

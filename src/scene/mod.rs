@@ -34,6 +34,7 @@ mod load;
 mod material;
 mod meshopt;
 mod nodes;
+mod optics;
 mod origin;
 mod pose;
 mod primitive;
@@ -50,7 +51,7 @@ pub use error::{Class, Error};
 pub use group::Groups;
 pub use light::{Light, Sky};
 pub use load::{Settings, load, load_bytes};
-pub use material::{Alpha, Material, TextureRef};
+pub use material::{Alpha, Material, TextureRef, Translucency};
 pub use origin::{Cuts, Origin};
 pub use texture::{Texture, Wrap};
 

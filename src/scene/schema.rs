@@ -15,6 +15,7 @@
 pub use super::draco::Draco;
 pub use super::instancing::Instancing;
 pub use super::meshopt::{CompressedView, Fallback, Meshopt};
+pub use super::optics::{DiffuseTransmission, SpecularGlossiness, Transmission};
 use serde::Deserialize;
 use serde::Deserializer;
 use serde::de::IgnoredAny;
@@ -341,6 +342,12 @@ pub struct MaterialExtensions {
     pub emissive_strength: Option<EmissiveStrength>,
     #[serde(rename = "KHR_materials_unlit")]
     pub unlit: Option<IgnoredAny>,
+    #[serde(rename = "KHR_materials_pbrSpecularGlossiness")]
+    pub specular_glossiness: Option<SpecularGlossiness>,
+    #[serde(rename = "KHR_materials_transmission")]
+    pub transmission: Option<Transmission>,
+    #[serde(rename = "KHR_materials_diffuse_transmission")]
+    pub diffuse_transmission: Option<DiffuseTransmission>,
     #[serde(rename = "MOZ_lightmap")]
     pub lightmap: Option<TextureInfo>,
 }

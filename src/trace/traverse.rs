@@ -168,7 +168,7 @@ fn prefetch<L: Lanes>(tracer: &Tracer<'_>, child: Child) {
 
 /// Upper bound of the inner distance of hits whose f32 t is `t` or less.
 #[inline(always)]
-fn limit(t: f32, scale: f64) -> f32 {
+pub(super) fn limit(t: f32, scale: f64) -> f32 {
     ((f64::from(t) * scale) as f32 * SLACK).next_up()
 }
 
@@ -186,7 +186,7 @@ fn improve(tracer: &Tracer<'_>, ray: &Ray3, shear: &Shear, packet: &Packet, lane
     if triangle == ray.passes {
         return false;
     }
-    if tagged & Packet::TRANSPARENT != 0 && !stops(tracer, ray, triangle, crossing.weights()) {
+    if tagged & Packet::TRANSPARENT != 0 && (ray.clear || !stops(tracer, ray, triangle, crossing.weights())) {
         return false;
     }
     *best = Best { t, triangle, crossing: Some(crossing) };
@@ -207,7 +207,7 @@ fn stops(tracer: &Tracer<'_>, query: &Ray3, triangle: u32, b: Vec2) -> bool {
 }
 
 /// A ray, prepared for boxes.
-struct Slab<L> {
+pub(super) struct Slab<L> {
     /// Of [`Lanes::plane`], by axis; near planes, then far ones.
     axes: [[[L; 2]; 2]; 3],
     /// Which side of a box the ray enters through, by axis: 0 = smallest coordinate.
@@ -216,7 +216,7 @@ struct Slab<L> {
 
 impl<L: Lanes> Slab<L> {
     #[inline(always)]
-    fn new(tracer: &Tracer<'_>, origin: Vec3, shear: &Shear) -> Self {
+    pub(super) fn new(tracer: &Tracer<'_>, origin: Vec3, shear: &Shear) -> Self {
         let [x, y, z] = shear.unit.to_array();
         let [x, y, z] = [negative_inverse(x), negative_inverse(y), negative_inverse(z)];
         let reach = origin.abs().max_element().max(tracer.hierarchy.reach() as f32);
@@ -228,7 +228,7 @@ impl<L: Lanes> Slab<L> {
 
     /// Inner distances to the eight boxes, and a bit for each that is met before `limit`.
     #[inline(always)]
-    fn meet(&self, node: &Node, limit: L) -> (L, u32) {
+    pub(super) fn meet(&self, node: &Node, limit: L) -> (L, u32) {
         let mut near = L::splat(0.0);
         let mut far = limit;
         let [[x, x_far], [y, y_far], [z, z_far]] = self.axes;

@@ -377,7 +377,7 @@ fn instances() -> Vec<Case> {
             "an instance that is turned by nothing",
             Invalid,
             &words("ROTATION: element 0 is not a quaternion"),
-            { instanced(|b| json!({"ROTATION": b.floats("VEC4", &[0.0; 4])})) },
+            instanced(|b| json!({"ROTATION": b.floats("VEC4", &[0.0; 4])})),
         ),
         triangle("a million instances of nothing", Unsupported, &words("more than 262144 instances"), move |b| {
             let accessor = b.push("accessors", zeros(1 << 20));
