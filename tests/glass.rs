@@ -66,7 +66,7 @@ fn under(sheet: Value, texture: Option<(u32, &[[u8; 4]])>) -> Builder {
 fn sunlit(mut b: Builder) -> Rgb {
     shine(&mut b);
     let scene = scene(&b, &Settings::default());
-    let stage = Stage::new(&scene, 32.0);
+    let stage = Stage::new(&scene, 16.0);
     floor_mean(&stage, &stage.direct(64))
 }
 
@@ -220,7 +220,7 @@ fn white_veils_in_a_furnace_change_nothing() {
         let scene = scene(&b, &Settings::default());
         let stage = Stage::new(&scene, 8.0);
         let direct = stage.direct(64);
-        let walk = stage.walk(Some(&direct), Splat::None, 4_000_000, 5);
+        let walk = stage.walk(Some(&direct), Splat::None, 2_000_000, 5);
         let all: Vec<Rgb> = direct.iter().zip(&walk.indirect).map(|(a, b)| *a + *b).collect();
         let expected = core::f64::consts::PI;
         for (what, on_sheet) in [("sheet", true), ("walls", false)] {

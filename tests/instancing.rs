@@ -1,6 +1,6 @@
 //! `EXT_mesh_gpu_instancing`: instances are nodes, each with light of its own.
 
-#![allow(clippy::unwrap_used, reason = "tests")]
+#![allow(clippy::unwrap_used, clippy::print_stderr, reason = "tests")]
 
 #[path = "support/crosscheck_env.rs"]
 mod crosscheck_env;

@@ -1,4 +1,4 @@
-//! Decodes KTX2 images of `KHR_texture_basisu`: ETC1S (BasisLZ) and UASTC, plain or by Zstandard, to 8-bit RGBA.
+//! Decodes KTX2 images of `KHR_texture_basisu`: ETC1S (`BasisLZ`) and UASTC, plain or by Zstandard, to 8-bit RGBA.
 //!
 //! In: the bytes of a file. Out: the pixels of its largest level, row 0 on top as the extension demands.
 //!

@@ -174,7 +174,7 @@ impl Document {
 /// Scales a quaternion to length 1.
 fn normalize((at, quaternion): (usize, &mut [f32])) -> Result<(), Error> {
     let length = quaternion.iter().map(|&v| f64::from(v) * f64::from(v)).sum::<f64>().sqrt();
-    if !(length > 0.0) {
+    if length <= 0.0 {
         return Err(Error::invalid(format!("element {at} is not a quaternion of unit length")));
     }
     quaternion.iter_mut().for_each(|v| *v = (f64::from(*v) / length) as f32);
