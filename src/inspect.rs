@@ -173,7 +173,7 @@ fn material(scene: &Scene, index: usize) -> MaterialFacts {
     let m = &scene.materials[index];
     MaterialFacts {
         name: m.name.clone(),
-        reflectance: (m.base_color.truncate() * (1.0 - m.metallic)).to_array(),
+        reflectance: (m.base_color.truncate() * ((1.0 - m.metallic) * (1.0 - m.transmission))).to_array(),
         emission: m.emission.to_array(),
         double_sided: m.double_sided,
         alpha: match m.alpha {

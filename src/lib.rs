@@ -32,7 +32,7 @@
 //! | radiance | L | cd/m² | emission, sky, environment; stored lightmap E/π |
 //! | intensity | I | cd | point and spot lights: E = I·cos θ/d² |
 //! | illuminance of a sun | | lx | E = I·cos θ |
-//! | reflectance | ρ = base colour·(1 − metallic) | 1 | `patches`; a patch sends out ρ·E/π |
+//! | reflectance | ρ = base colour·(1 − metallic) | 1 | `patches`; a patch sends out ρ·E/π; with glass and sheets see `scene` (`optics`) |
 //!
 //! Colours are linear Rec.709. There is no hidden factor between any two of these.
 //!

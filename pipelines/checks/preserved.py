@@ -5,7 +5,8 @@ In: INPUT OUTPUT. Out: every difference that a bake may not make, one a line, an
 A bake may: append array elements; add `MOZ_lightmap` to a material (or to a clone of it) and its name to
 `extensionsUsed`; point a node at a clone of its mesh; split vertices, as long as every corner of every triangle keeps
 every attribute; add or replace the texture coordinates that `MOZ_lightmap` names, unless another texture reads them; add
-TEXCOORD_0 where it is missing; add `_LIGHTMAP`; add `extras.lightmap` to scenes; extend `asset.generator`.
+TEXCOORD_0 where it is missing; add `_LIGHTMAP`; add `extras.lightmap` to scenes; extend `asset.generator`; put child nodes, one per
+instance, in the place of EXT_mesh_gpu_instancing.
 All else must be equal: keys and their order, numbers as they are spelled, bytes of buffer views and images, GLB chunks.
 A primitive's corners are compared in order, so a reordered triangle is a difference too. A primitive that lies on several
 lightmap pages may become one per page, next to each other; then the triangles are compared as a set.
@@ -20,6 +21,7 @@ environment.enter()
 
 import numpy  # noqa: E402 (the environment comes first)
 
+import instances  # noqa: E402
 from gltf_file import GltfError, GltfFile, Number, index  # noqa: E402
 
 LIGHTMAP = "MOZ_lightmap"
@@ -67,6 +69,7 @@ class Comparison:
             self.fault(path, "the order of the keys changed")
 
     def run(self):
+        instances.expand(self.before, self.after)
         a, b = self.before.json, self.after.json
         added = ("extensionsUsed", "meshes", "materials", "textures", "samplers", "images", "accessors", "bufferViews", "buffers")
         self.equal(a, b, "", may_add=added, ignore=(*SPECIAL, "textures", "samplers"))

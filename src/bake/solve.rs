@@ -198,7 +198,7 @@ impl<'a> Solver<'a> {
             let tilts = (settings.direct == DirectMode::Gather).then(|| self.direct_tilts(setup, &direct));
             [0, 1].map(|half| {
                 let seed = mix(pass_seed.wrapping_mul(2).wrapping_add(half));
-                let unshot = parallel::map(patches.len(), |i| source(i) * patches.reflectance[i]);
+                let unshot = parallel::map(patches.len(), |i| patches.scattered(i, source));
                 let sources = shoot::Sources::new(tracer, emitters, seed);
                 let line = |k, n| sources.line(k, n);
                 let shot = EmittedLines { flux: sources.flux(), line: &line };
@@ -278,7 +278,7 @@ impl<'a> Solver<'a> {
         let known = parallel::map(patches.len(), |i| color::mean(straight(0, i) + straight(1, i)) * 0.5);
         let all = parallel::map(patches.len(), |i| known[i] + color::mean(smooth[0][i] + smooth[1][i]) * 0.5);
         let radiance = |h: usize| {
-            parallel::map(patches.len(), |i| patches.reflectance[i] * (straight(h, i) + smooth[h][i]) * FRAC_1_PI)
+            parallel::map(patches.len(), |i| patches.scattered(i, |k| straight(h, k) + smooth[h][k]) * FRAC_1_PI)
         };
         Ok(([radiance(0), radiance(1)], self.tilts(setup, &all, &known)))
     }

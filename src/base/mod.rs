@@ -15,6 +15,7 @@ pub mod parallel;
 pub mod plane;
 pub mod progress;
 pub mod random;
+pub mod splice;
 pub mod warning;
 pub mod warp;
 

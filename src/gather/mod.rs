@@ -190,11 +190,14 @@ impl Field<'_> {
     fn look(&self, aim: &Aim, radiance: &[Rgb], sky: &mut Rgb) -> Rgb {
         let Some(origin) = aim.origin else { return Rgb::ZERO };
         let Aim { direction, normal, open, .. } = *aim;
-        if let Some(hit) = self.tracer.closest_hit(&Ray { origin, direction, t_max: f32::INFINITY }) {
-            let seen = self.patches.seen(&hit);
-            return seen.map_or(Rgb::ZERO, |seen| radiance[seen.patch] * self.tilts.of(seen.patch).at(seen.within));
+        let ray = Ray { origin, direction, t_max: f32::INFINITY };
+        if let Some(hit) = self.tracer.closest_hit(&ray) {
+            let Some(seen) = self.patches.seen(&hit) else { return Rgb::ZERO };
+            let tint = self.tracer.tint(&Ray { t_max: hit.t, ..ray });
+            return radiance[seen.patch] * self.tilts.of(seen.patch).at(seen.within) * tint;
         }
-        let light = self.sky.filter(|_| open).map_or(Rgb::ZERO, |sky| sky(normal, direction));
+        let infinity = self.sky.filter(|_| open);
+        let light = infinity.map_or(Rgb::ZERO, |sky| sky(normal, direction) * self.tracer.tint(&ray));
         *sky += light;
         light
     }

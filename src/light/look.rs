@@ -135,10 +135,11 @@ impl<'a> Look<'a> {
             Ray { origin, direction: place.position + seen.toward - origin, t_max: 1.0 }
         };
         self.rays += 1;
-        if self.tracer.occluded(&ray) {
+        let unblocked = self.tracer.unblocked(&ray);
+        if unblocked == Rgb::ZERO {
             return Lit::default();
         }
-        self.lit(place, toward, seen.illuminance * cosine, Rgb::ZERO)
+        self.lit(place, toward, seen.illuminance * unblocked * cosine, Rgb::ZERO)
     }
 
     /// What everything in the tree brings, from one choice.
@@ -162,10 +163,12 @@ impl<'a> Look<'a> {
         let Some((cosine, origin)) = self.leave(place, s.direction) else { return Lit::default() };
         let target = self.tracer.leave(&piece.ground, s.b, -s.direction);
         self.rays += 1;
-        if self.tracer.occluded(&Ray { origin, direction: target - origin, t_max: 1.0 }) {
+        let ray = Ray { origin, direction: target - origin, t_max: 1.0 };
+        let unblocked = self.tracer.unblocked(&ray);
+        if unblocked == Rgb::ZERO {
             return Lit::default();
         }
-        self.lit(place, s.direction, s.weighted * cosine, Rgb::ZERO)
+        self.lit(place, s.direction, s.weighted * unblocked * cosine, Rgb::ZERO)
     }
 
     /// What sky and environment bring from one direction, for a gather with `rays` rays for each of these samples.
@@ -178,10 +181,12 @@ impl<'a> Look<'a> {
         }
         let Some((cosine, origin)) = self.leave(place, direction) else { return Lit::default() };
         self.rays += 1;
-        if self.tracer.occluded(&Ray { origin, direction, t_max: f32::INFINITY }) {
+        let ray = Ray { origin, direction, t_max: f32::INFINITY };
+        let unblocked = self.tracer.unblocked(&ray);
+        if unblocked == Rgb::ZERO {
             return Lit::default();
         }
-        let light = radiance * (cosine / density);
+        let light = radiance * unblocked * (cosine / density);
         let lit = self.lit(place, direction, light, light * Infinity::gathered(place.normal, direction, density, rays));
         Lit { vector: lit.vector * trusted(density), ..lit }
     }

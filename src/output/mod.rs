@@ -18,8 +18,9 @@ pub mod jpeg;
 pub mod names;
 pub mod png;
 pub mod report;
-pub mod splice;
 pub mod usd;
+
+pub use crate::base::splice;
 
 use std::path::Path;
 use std::path::PathBuf;

@@ -14,6 +14,7 @@
 use super::cells::{MASK_GRID, cell_index};
 use super::{Patches, SurfacePoint};
 use crate::base::{Frame, Progress, parallel, warp};
+use crate::scene::Material;
 use crate::trace::{Ground, Ray, Tracer};
 use glam::{DVec2, Vec2, Vec3};
 
@@ -254,6 +255,8 @@ fn is_inside(tracer: &Tracer<'_>, point: SurfacePoint) -> bool {
     let scene = tracer.scene();
     let ground = Ground::new(scene.corners(point.triangle));
     let frame = Frame::from_normal(ground.normal());
+    // The inside of a glass or a lampshade is no solid.
+    let solid = |m: &Material| !m.is_two_sided() && m.transmission == 0.0;
     let mut fronts = vec![];
     for k in 0..PROBES {
         let u = Vec2::new((k as f32 + 0.5) / PROBES as f32, (k as f32 * 0.618_034 + 0.3).fract());
@@ -261,7 +264,7 @@ fn is_inside(tracer: &Tracer<'_>, point: SurfacePoint) -> bool {
         let origin = tracer.leave(&ground, point.b, direction);
         let ray = Ray { origin, direction, t_max: f32::INFINITY };
         match tracer.closest_hit(&ray) {
-            Some(hit) if !hit.front && !scene.material(hit.triangle).double_sided => {}
+            Some(hit) if !hit.front && solid(scene.material(hit.triangle)) => {}
             // Nothing closes the way out.
             None => fronts.push(None),
             Some(_) => fronts.push(Some(ray)),

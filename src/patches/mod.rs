@@ -1,7 +1,7 @@
 //! [`Atlas`] → [`Patches`] + [`PatchGraph`]: every texel that a triangle touches becomes a patch of the solver.
 //!
 //! A patch is the piece of surface that lies in one texel: exact area, centroid, normal and mean reflectance of its
-//! clipped polygons. Texels of double-sided materials get a second patch for their back. Patches are numbered by page,
+//! clipped polygons. Texels of double-sided and of translucent materials get a second patch for their back. Patches are numbered by page,
 //! row and column; all backs come after all fronts. Front is the side that the lightmap stores: where a double-sided chart
 //! is turned (`turn`), that is the back of its triangles.
 //!
@@ -51,8 +51,12 @@ pub struct Patches {
     pub area: Vec<f32>,
     /// Share of the area in [0, 1] that does not lie inside other solids; only it takes part in light.
     pub exposed: Vec<f32>,
-    /// Mean diffuse reflectance ρ.
+    /// Share of the light in [0, 1] that transparent patches stop; empty if all patches stop all of it.
+    pub stopping: Vec<f32>,
+    /// Mean diffuse reflectance ρ of what is stopped.
     pub reflectance: Vec<Rgb>,
+    /// Mean share of what is stopped that leaves on the other side; empty if nothing does.
+    pub through: Vec<Rgb>,
     /// Patches that emit, with their mean emitted radiance [cd/m²], ascending.
     pub emission: Vec<(u32, Rgb)>,
     /// Texel of each front patch: (page · height + y) · width + x.
@@ -104,7 +108,7 @@ struct SurfaceTriangle {
     page: u32,
     /// World area per texel area [m²].
     scale: f32,
-    /// Its material is double-sided.
+    /// Light takes part on both sides.
     two_sided: bool,
 }
 
@@ -143,10 +147,36 @@ impl Patches {
         if patch < self.front { patch } else { self.front_of[patch - self.front] as usize }
     }
 
-    /// Area that takes part in light [m²].
+    /// The patch on the other side of the same texel.
+    #[must_use]
+    pub fn opposite(&self, patch: usize) -> Option<usize> {
+        let other = if self.is_back(patch) { self.front_of[patch - self.front] } else { self.back_of[patch] };
+        (other != NO_PATCH).then_some(other as usize)
+    }
+
+    /// What a patch sends out of the light that falls on it and on its other side.
+    #[must_use]
+    #[inline]
+    pub fn scattered(&self, patch: usize, light: impl Fn(usize) -> Rgb) -> Rgb {
+        let reflected = light(patch) * self.reflectance[patch];
+        match (self.through.get(patch), self.opposite(patch)) {
+            (Some(&through), Some(other)) => reflected + light(other) * through,
+            _ => reflected,
+        }
+    }
+
+    /// Share of the light on a patch that leaves it again, on either side.
+    #[must_use]
+    pub fn albedo(&self, patch: usize) -> Rgb {
+        self.reflectance[patch] + self.through.get(patch).copied().unwrap_or(Rgb::ZERO)
+    }
+
+    /// Area that takes part in light [m²]: what is exposed, and of that what stops light. A patch on which E falls
+    /// receives E times this area.
     #[must_use]
     pub fn exposed_area(&self, patch: usize) -> f32 {
-        self.area[patch] * self.exposed[patch]
+        let exposed = self.area[patch] * self.exposed[patch];
+        self.stopping.get(patch).map_or(exposed, |stopping| exposed * stopping)
     }
 
     /// Edge length of the patch's texel in the world [m].

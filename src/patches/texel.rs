@@ -23,6 +23,10 @@ struct Texel {
     centroid: Vec3,
     normal: Vec3,
     reflectance: Rgb,
+    /// Share of the light that it lets pass.
+    passing: f32,
+    /// Leaves on the other side.
+    through: Rgb,
     emission: Rgb,
     two_sided: bool,
     chart: u32,
@@ -56,7 +60,7 @@ fn surface_triangles(scene: &Scene, atlas: &Atlas) -> (Vec<SurfaceTriangle>, Vec
     let mut surface = Vec::with_capacity(scene.triangles.len());
     let mut charts = Vec::with_capacity(scene.triangles.len());
     for (part, charted) in scene.parts.iter().zip(&atlas.parts) {
-        let two_sided = scene.materials[part.material].double_sided;
+        let two_sided = scene.materials[part.material].is_two_sided();
         for (k, corners) in charted.triangles.iter().enumerate() {
             let uv = corners.map(|v| charted.uv[v as usize]);
             let [a, b, c] = uv.map(|p| p.as_dvec2());
@@ -116,6 +120,8 @@ fn summarise(scene: &Scene, patches: &Patches, charts: &[u32], patch: usize) -> 
         centroid: Vec3::ZERO,
         normal: Vec3::ZERO,
         reflectance: Rgb::ZERO,
+        passing: 0.0,
+        through: Rgb::ZERO,
         emission: Rgb::ZERO,
         two_sided: false,
         chart: NO_CHART,
@@ -130,9 +136,11 @@ fn summarise(scene: &Scene, patches: &Patches, charts: &[u32], patch: usize) -> 
         let center = patches.map(triangle, patch).weights(polygon.centroid());
         centroid += scene.position(triangle, center).as_dvec3() * area;
         normal += scene.geometric_normal(triangle).as_dvec3() * area;
-        let (reflectance, emission) = mean_material(scene, patches, patch, f, center);
-        sum.reflectance += reflectance * area as f32;
-        sum.emission += emission * area as f32;
+        let mean = Mean::of(scene, patches, patch, f, center);
+        sum.reflectance += mean.reflectance * area as f32;
+        sum.passing += mean.passing * area as f32;
+        sum.through += mean.through * area as f32;
+        sum.emission += mean.emission * area as f32;
         sum.area += area;
         sum.two_sided |= surface.two_sided;
         if covered > largest {
@@ -145,26 +153,61 @@ fn summarise(scene: &Scene, patches: &Patches, charts: &[u32], patch: usize) -> 
     sum.normal = normal.normalize_or_zero().as_vec3();
     sum.reflectance *= inverse as f32;
     sum.emission *= inverse as f32;
+    sum.passing *= inverse as f32;
+    sum.through *= inverse as f32;
+    if sum.passing > 0.0 {
+        let stopped = (1.0 - sum.passing).max(f32::MIN_POSITIVE);
+        sum.reflectance = (sum.reflectance / stopped).min(Rgb::ONE);
+        sum.through = (sum.through / stopped).min(Rgb::ONE);
+    }
     sum
 }
 
-/// Mean reflectance and emission over one fragment; one look where the material does not vary.
-fn mean_material(scene: &Scene, patches: &Patches, patch: usize, fragment: usize, center: Vec2) -> (Rgb, Rgb) {
-    let triangle = patches.fragments.triangle[fragment];
-    let material = scene.material(triangle);
-    let plain = material.base_color_texture.is_none()
-        && material.metallic_texture.is_none()
-        && material.emission_texture.is_none();
-    if plain {
-        return (scene.reflectance(triangle, center), scene.emission(triangle, center));
+/// Means over one fragment.
+#[derive(Default)]
+struct Mean {
+    /// Times the opacity.
+    reflectance: Rgb,
+    /// Times the opacity.
+    through: Rgb,
+    passing: f32,
+    emission: Rgb,
+}
+
+impl Mean {
+    /// One look where the material does not vary.
+    fn of(scene: &Scene, patches: &Patches, patch: usize, fragment: usize, center: Vec2) -> Self {
+        let triangle = patches.fragments.triangle[fragment];
+        let material = scene.material(triangle);
+        let at = |b: Vec2| {
+            let opacity = if material.is_opaque() { 1.0 } else { scene.opacity(triangle, b) };
+            Self {
+                reflectance: scene.reflectance(triangle, b) * opacity,
+                through: scene.diffuse_transmittance(triangle, b) * opacity,
+                passing: 1.0 - opacity,
+                emission: scene.emission(triangle, b),
+            }
+        };
+        if !material.varies() {
+            return at(center);
+        }
+        let (mut sum, mut weight) = (Self::default(), 0.0);
+        patches.fragment_cells(patch, fragment, TEXTURE_GRID, |point, area| {
+            let point = at(point.b);
+            sum.reflectance += point.reflectance * area;
+            sum.through += point.through * area;
+            sum.passing += point.passing * area;
+            sum.emission += point.emission * area;
+            weight += area;
+        });
+        let weight = weight.max(f32::MIN_POSITIVE);
+        Self {
+            reflectance: sum.reflectance / weight,
+            through: sum.through / weight,
+            passing: sum.passing / weight,
+            emission: sum.emission / weight,
+        }
     }
-    let (mut reflectance, mut emission, mut weight) = (Rgb::ZERO, Rgb::ZERO, 0.0);
-    patches.fragment_cells(patch, fragment, TEXTURE_GRID, |point, area| {
-        reflectance += scene.reflectance(triangle, point.b) * area;
-        emission += scene.emission(triangle, point.b) * area;
-        weight += area;
-    });
-    (reflectance / weight.max(f32::MIN_POSITIVE), emission / weight.max(f32::MIN_POSITIVE))
 }
 
 fn fill(patches: &mut Patches, texels: &[Texel]) {
@@ -180,6 +223,12 @@ fn fill(patches: &mut Patches, texels: &[Texel]) {
     patches.normal = texels.iter().map(|t| t.normal).chain(backs.iter().map(|t| -t.normal)).collect();
     patches.area = both().map(|t| t.area as f32).collect();
     patches.exposed = vec![1.0; patches.area.len()];
+    if texels.iter().any(|t| t.passing > 0.0) {
+        patches.stopping = both().map(|t| (1.0 - t.passing).max(0.0)).collect();
+    }
+    if texels.iter().any(|t| t.through != Rgb::ZERO) {
+        patches.through = both().map(|t| t.through).collect();
+    }
     patches.reflectance = both().map(|t| t.reflectance).collect();
     patches.emission = both()
         .enumerate()

@@ -8,16 +8,21 @@ use super::schema::Root;
 use crate::base::Warning;
 
 /// Read and honoured.
-const IMPLEMENTED: [&str; 10] = [
+const IMPLEMENTED: [&str; 15] = [
+    "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_webp",
     "KHR_draco_mesh_compression",
     "KHR_lights_punctual",
+    "KHR_materials_diffuse_transmission",
     "KHR_materials_emissive_strength",
+    "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_transmission",
     "KHR_materials_unlit",
     "KHR_mesh_quantization",
     "KHR_meshopt_compression",
     "KHR_node_visibility",
+    "KHR_texture_basisu",
     "KHR_texture_transform",
 ];
 
@@ -48,15 +53,9 @@ const NEUTRAL: [&str; 20] = [
 ];
 
 /// What to do about extensions that people meet.
-const ADVICE: [(&str, &str); 5] = [
-    ("KHR_texture_basisu", "bake the version of the file that still has PNG or JPEG textures"),
+const ADVICE: [(&str, &str); 2] = [
     ("MSFT_texture_dds", "bake the version of the file that still has PNG or JPEG textures"),
     ("EXT_texture_avif", "bake the version of the file that still has PNG or JPEG textures"),
-    ("EXT_mesh_gpu_instancing", "turn the instances into nodes first"),
-    (
-        "KHR_materials_pbrSpecularGlossiness",
-        "convert the materials first, for example with `gltf-transform metalrough`",
-    ),
 ];
 
 /// Refuses a document that requires what is not understood; warns about the rest.

@@ -121,10 +121,6 @@ fn plan(
         let Some(entry) = root.meshes.get(mesh) else {
             return Err(Error::invalid(format!("node {name}: mesh {mesh} does not exist")));
         };
-        if root.nodes[placed.node].extensions.instancing.is_some() {
-            let what = format!("node {name}: EXT_mesh_gpu_instancing is not supported; only one instance was baked");
-            warnings.push(Warning::new("unsupported-extension", what).at(&name));
-        }
         for primitive in 0..entry.primitives.len() {
             let known = match surveyed.get(&(mesh, primitive)) {
                 Some(known) => *known,
@@ -217,6 +213,9 @@ fn place(
     }
     let mut warnings = Vec::new();
     let normal = normals(&local, &pose, mirrored, &position, &triangles, |bad| {
+        if root.nodes[plan.placed.node].instance > 0 {
+            return; // One warning for all instances.
+        }
         let what = format!("{name}: {bad} normals are zero or not finite; those of the triangles around were used");
         warnings.push(Warning::new("bad-normals", what).at(root.node_name(plan.placed.node)));
     });
@@ -295,7 +294,8 @@ impl Geometry {
         let count = part.position.len();
         let morphed = !entry.targets.is_empty();
         let skinned = node.skin.is_some();
-        for texture in materials[material].textures() {
+        let first_instance = node.instance == 0;
+        for texture in materials[material].textures().filter(|_| first_instance) {
             if local.uv.get(texture.uv_set).is_none_or(Option::is_none) {
                 let what = format!(
                     "{}: its material {} uses TEXCOORD_{}, which it lacks; 0 was used",

@@ -1,4 +1,4 @@
-//! Decodes the images that the materials in use need, in parallel: PNG, JPEG and WebP to 8-bit RGBA.
+//! Decodes the images that the materials in use need, in parallel: PNG, JPEG, WebP and KTX2 to 8-bit RGBA.
 //!
 //! In: document, materials. Out: one [`Texture`] per texture of the document; those that are not needed are one white
 //! texel. The format is told from the bytes, as many documents state it wrongly. Colour profiles and orientation tags
@@ -9,7 +9,9 @@
 use super::Document;
 use super::Error;
 use super::Material;
+use super::basis;
 use super::schema::TextureEntry;
+use super::schema::TextureSource;
 use super::schema::label;
 use super::texture::Texture;
 use super::texture::Wrap;
@@ -34,10 +36,18 @@ const MAX_RATIO: u64 = 8 * 1032;
 /// Decoding this many pixels is harmless even if the file is lying (64 MiB).
 const SMALL: u64 = 1 << 24;
 
+/// How an image is encoded.
+#[derive(Clone, Copy)]
+enum Format {
+    /// The crate `image` reads it.
+    Common(ImageFormat),
+    Ktx2,
+}
+
 /// An encoded image that is needed.
 struct Source {
     bytes: Vec<u8>,
-    format: ImageFormat,
+    format: Format,
     /// Image and material, for messages.
     place: String,
     /// Width × height.
@@ -102,22 +112,21 @@ fn collect(document: &mut Document, materials: &[Material]) -> Result<Needs, Err
     Ok((textures, sources))
 }
 
-/// The image that a texture shows.
-fn image_of(texture: &TextureEntry) -> Result<usize, Error> {
-    if let Some(image) = texture.source.or(texture.extensions.webp.as_ref().and_then(|w| w.source)) {
-        return Ok(image);
+impl TextureEntry {
+    /// The image that it shows; PNG or JPEG where there is one, since the others are made from it with loss.
+    #[must_use]
+    pub fn image(&self) -> Option<usize> {
+        let source = |extension: &Option<TextureSource>| extension.as_ref().and_then(|e| e.source);
+        self.source.or_else(|| source(&self.extensions.webp)).or_else(|| source(&self.extensions.basisu))
     }
-    let (name, known) = match &texture.extensions {
-        e if e.basisu.is_some() => ("KHR_texture_basisu", true),
-        e if e.dds.is_some() => ("MSFT_texture_dds", true),
-        _ => ("", false),
-    };
-    Err(if known {
-        Error::unsupported(format!(
-            "exists only with {name}; bake the version of the file that still has PNG or JPEG textures"
-        ))
-    } else {
-        Error::invalid("it has no image")
+}
+
+fn image_of(texture: &TextureEntry) -> Result<usize, Error> {
+    texture.image().ok_or_else(|| match &texture.extensions {
+        e if e.dds.is_some() => Error::unsupported(
+            "exists only with MSFT_texture_dds; bake the version of the file that still has PNG or JPEG textures",
+        ),
+        _ => Error::invalid("it has no image"),
     })
 }
 
@@ -137,19 +146,20 @@ fn open(document: &mut Document, index: usize, material: &str) -> Result<Source,
         (None, None) => return Err(Error::invalid(format!("{place} has neither a URI nor a buffer view"))),
     };
     let format = match image::guess_format(&bytes) {
-        Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::WebP)) => format,
+        Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::WebP)) => Format::Common(format),
+        _ if bytes.starts_with(basis::MAGIC) => Format::Ktx2,
         _ if bytes.starts_with(b"\xABKTX") => {
-            return Err(Error::unsupported(format!("{place} is KTX; convert the textures to PNG or JPEG first")));
+            return Err(Error::unsupported(format!("{place} is KTX 1; convert the textures to PNG or JPEG first")));
         }
-        _ => return Err(Error::invalid(format!("{place} is neither PNG nor JPEG nor WebP"))),
+        _ => return Err(Error::invalid(format!("{place} is neither PNG nor JPEG nor WebP nor KTX2"))),
     };
     let mut source = Source { bytes, format, place, pixels: 0 };
     source.pixels = size(&source)?;
     Ok(source)
 }
 
-fn reader(source: &Source) -> ImageReader<Cursor<&[u8]>> {
-    let mut reader = ImageReader::with_format(Cursor::new(source.bytes.as_slice()), source.format);
+fn reader(bytes: &[u8], format: ImageFormat) -> ImageReader<Cursor<&[u8]>> {
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     let mut limits = image::Limits::default();
     limits.max_image_width = Some(MAX_SIDE);
     limits.max_image_height = Some(MAX_SIDE);
@@ -161,10 +171,14 @@ fn reader(source: &Source) -> ImageReader<Cursor<&[u8]>> {
 /// Pixels of an image according to its header, after checking that they are plausible.
 fn size(source: &Source) -> Result<u64, Error> {
     let place = &source.place;
-    let mut reader = reader(source);
-    reader.no_limits();
-    let (width, height) =
-        reader.into_dimensions().map_err(|e| Error::invalid(format!("{place} cannot be decoded: {e}")))?;
+    let (width, height) = match source.format {
+        Format::Ktx2 => basis::size(&source.bytes).map_err(|e| e.within(place))?,
+        Format::Common(format) => {
+            let mut reader = reader(&source.bytes, format);
+            reader.no_limits();
+            reader.into_dimensions().map_err(|e| Error::invalid(format!("{place} cannot be decoded: {e}")))?
+        }
+    };
     if width > MAX_SIDE || height > MAX_SIDE {
         return Err(Error::unsupported(format!("{place} has {width} × {height} pixels; {MAX_SIDE} are the limit")));
     }
@@ -179,13 +193,18 @@ fn size(source: &Source) -> Result<u64, Error> {
 
 fn decode_one(source: &Source) -> Result<(u32, u32, Vec<[u8; 4]>), Error> {
     let place = &source.place;
-    let image = reader(source).decode().map_err(|e| Error::invalid(format!("{place} cannot be decoded: {e}")))?;
-    let image = image.into_rgba8();
-    let (width, height) = image.dimensions();
+    let (width, height, pixels) = match source.format {
+        Format::Ktx2 => basis::decode(&source.bytes).map_err(|e| e.within(place))?,
+        Format::Common(format) => {
+            let image = reader(&source.bytes, format).decode();
+            let image = image.map_err(|e| Error::invalid(format!("{place} cannot be decoded: {e}")))?.into_rgba8();
+            (image.width(), image.height(), image.as_raw().as_chunks().0.to_vec())
+        }
+    };
     if width == 0 || height == 0 {
         return Err(Error::invalid(format!("{place} has no pixels")));
     }
-    Ok((width, height, image.as_raw().as_chunks().0.to_vec()))
+    Ok((width, height, pixels))
 }
 
 fn sampler(

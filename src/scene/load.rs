@@ -1,4 +1,4 @@
-//! Puts the parts of the loader in order: container, extensions, buffers, what is compressed, nodes, materials, geometry, images, lights.
+//! Puts the parts of the loader in order: container, extensions, buffers, what is compressed, instances, nodes, materials, geometry, images, lights.
 
 use super::Document;
 use super::Error;
@@ -57,6 +57,7 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
     document.load_buffers()?;
     document.decompress_views()?;
     document.decompress_primitives()?;
+    document.expand_instances()?;
     let walk = nodes::walk(&document.root, settings.scene)?;
     let mut materials = material::read(&document.root, &mut warnings)?;
     let mut geometry = geometry::read(&document, &walk, &materials, &mut warnings)?;
@@ -74,6 +75,9 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         material.base_color_texture = None;
         material.metallic_texture = None;
         material.emission_texture = None;
+        material.specular_texture = None;
+        material.transmission_texture = None;
+        material.translucency = None;
     }
     let textures = images::decode(&mut document, &materials, &mut warnings)?;
     let cameras = cameras::read(&document.root, &walk, &mut warnings);

@@ -1,6 +1,7 @@
 //! Materials as diffuse light sees them: reflectance, emission, alpha, sides.
 //!
-//! Source: glTF 2.0, section 3.9; `KHR_materials_emissive_strength`, `KHR_materials_unlit`, `KHR_texture_transform`.
+//! Source: glTF 2.0, section 3.9; `KHR_materials_emissive_strength`, `KHR_materials_unlit`, `KHR_texture_transform`;
+//! `optics` has the extensions about reflection and transmission.
 //!
 //! The rotation of `KHR_texture_transform`: the extension's GLSL listing, read as the column-major code that it is,
 //! turns the other way than its own text and its own example say, and than viewers do (KhronosGroup/glTF#1563). We
@@ -10,6 +11,7 @@ use super::Error;
 use super::primitive::MAX_UV_SETS;
 use super::schema::MaterialEntry;
 use super::schema::Root;
+use super::schema::SpecularGlossiness;
 use super::schema::TextureInfo;
 use super::schema::label;
 use crate::base::Rgb;
@@ -32,6 +34,16 @@ pub struct Material {
     pub metallic: f32,
     /// Blue channel multiplies `metallic` (linear).
     pub metallic_texture: Option<TextureRef>,
+    /// Specular factor of a material that has a texture of specular colours; else black.
+    pub specular: Rgb,
+    /// Multiplies `specular` (sRGB encoded).
+    pub specular_texture: Option<TextureRef>,
+    /// Share of the light that passes, tinted by the base colour; 0 for all but `KHR_materials_transmission`.
+    pub transmission: f32,
+    /// Red channel multiplies `transmission` (linear).
+    pub transmission_texture: Option<TextureRef>,
+    /// Light that leaves on the other side.
+    pub translucency: Option<Translucency>,
     /// Emissive factor times strength [cd/m²].
     pub emission: Rgb,
     /// Multiplies `emission` (sRGB encoded).
@@ -44,6 +56,19 @@ pub struct Material {
     pub unlit: bool,
     /// Index into `Vertices::uv` that `MOZ_lightmap` reads.
     pub lightmap_uv_set: Option<usize>,
+}
+
+/// `KHR_materials_diffuse_transmission`.
+#[derive(Debug, Clone)]
+pub struct Translucency {
+    /// Share of the scattered light that leaves on the other side, > 0.
+    pub factor: f32,
+    /// Alpha multiplies `factor` (linear).
+    pub factor_texture: Option<TextureRef>,
+    /// Colour of that light.
+    pub color: Rgb,
+    /// Multiplies `color` (sRGB encoded).
+    pub color_texture: Option<TextureRef>,
 }
 
 /// Alpha mode.
@@ -69,6 +94,24 @@ pub struct TextureRef {
 }
 
 impl Material {
+    /// It stops all light everywhere.
+    #[must_use]
+    pub fn is_opaque(&self) -> bool {
+        self.alpha == Alpha::Opaque && self.transmission == 0.0
+    }
+
+    /// Light that falls on either side takes part.
+    #[must_use]
+    pub fn is_two_sided(&self) -> bool {
+        self.double_sided || self.translucency.is_some()
+    }
+
+    /// A texture makes it differ from point to point.
+    #[must_use]
+    pub fn varies(&self) -> bool {
+        self.textures().next().is_some()
+    }
+
     /// It sends out light; where, its texture says.
     #[must_use]
     pub fn glows(&self) -> bool {
@@ -77,7 +120,9 @@ impl Material {
 
     /// The textures that it uses.
     pub(super) fn textures(&self) -> impl Iterator<Item = &TextureRef> {
-        [&self.base_color_texture, &self.metallic_texture, &self.emission_texture].into_iter().flatten()
+        let color = [&self.base_color_texture, &self.metallic_texture, &self.emission_texture];
+        let through = self.translucency.iter().flat_map(|t| [&t.factor_texture, &t.color_texture]);
+        color.into_iter().chain([&self.specular_texture, &self.transmission_texture]).chain(through).flatten()
     }
 
     /// The texture coordinates that it uses.
@@ -100,7 +145,9 @@ pub(super) fn read(root: &Root, warnings: &mut Vec<Warning>) -> Result<Vec<Mater
 }
 
 fn convert(entry: &MaterialEntry, name: String, root: &Root, warnings: &mut Vec<Warning>) -> Result<Material, Error> {
-    let pbr = &entry.pbr_metallic_roughness;
+    let specular = entry.extensions.specular_glossiness.as_ref();
+    let metal = specular.map(SpecularGlossiness::as_metal);
+    let pbr = metal.as_ref().unwrap_or(&entry.pbr_metallic_roughness);
     let base_color = Vec4::from_array(pbr.base_color_factor);
     let strength = entry.extensions.emissive_strength.as_ref().map_or(1.0, |e| e.emissive_strength);
     let emission = Rgb::from_array(entry.emissive_factor) * strength;
@@ -108,11 +155,20 @@ fn convert(entry: &MaterialEntry, name: String, root: &Root, warnings: &mut Vec<
         return Err(Error::invalid(format!("its emission {emission} is negative or not finite")));
     }
     let metallic = pbr.metallic_factor;
-    if !(in_unit(metallic) && base_color.to_array().into_iter().all(in_unit)) {
-        let what = format!("material {name}: its base colour or metallic factor is outside [0, 1] and was clamped");
+    let textured = specular.filter(|s| s.specular_glossiness_texture.is_some());
+    let specular = Rgb::from_array(textured.map_or([0.0; 3], |s| s.specular_factor));
+    let unlit = entry.extensions.unlit.is_some();
+    let transmission = entry.extensions.transmission.as_ref().filter(|_| !unlit);
+    let passing = transmission.map_or(0.0, |t| t.transmission_factor);
+    if !(in_unit(metallic)
+        && in_unit(passing)
+        && specular.to_array().into_iter().all(in_unit)
+        && base_color.to_array().into_iter().all(in_unit))
+    {
+        let what = format!("material {name}: its base colour or another factor is outside [0, 1] and was clamped");
         warnings.push(Warning::new("factor-out-of-range", what));
     }
-    let (base_color, metallic) = (clamp_unit(base_color), metallic.clamp(0.0, 1.0));
+    let (base_color, metallic, passing) = (clamp_unit(base_color), metallic.clamp(0.0, 1.0), passing.clamp(0.0, 1.0));
     let alpha = match entry.alpha_mode.as_str() {
         "OPAQUE" => Alpha::Opaque,
         "MASK" => Alpha::Mask(entry.alpha_cutoff),
@@ -123,7 +179,6 @@ fn convert(entry: &MaterialEntry, name: String, root: &Root, warnings: &mut Vec<
             Alpha::Opaque
         }
     };
-    let unlit = entry.extensions.unlit.is_some();
     let color_matters = alpha != Alpha::Opaque || base_color.truncate() != Rgb::ZERO;
     let texture = |info: &Option<TextureInfo>, matters: bool| match info {
         Some(info) if matters => texture_ref(info, root).map(Some),
@@ -135,6 +190,23 @@ fn convert(entry: &MaterialEntry, name: String, root: &Root, warnings: &mut Vec<
         base_color_texture: texture(&pbr.base_color_texture, color_matters)?,
         metallic,
         metallic_texture: texture(&pbr.metallic_roughness_texture, metallic > 0.0 && !unlit)?,
+        specular: specular.clamp(Rgb::ZERO, Rgb::ONE),
+        specular_texture: match textured {
+            Some(s) => texture(&s.specular_glossiness_texture, specular != Rgb::ZERO && !unlit)?,
+            None => None,
+        },
+        transmission: passing,
+        transmission_texture: match transmission {
+            Some(t) => texture(&t.transmission_texture, passing > 0.0)?,
+            None => None,
+        },
+        translucency: entry.extensions.diffuse_transmission.as_ref().filter(|_| !unlit).map_or(Ok(None), |d| {
+            let factor = d.diffuse_transmission_factor.clamp(0.0, 1.0);
+            let color = Rgb::from_array(d.diffuse_transmission_color_factor).clamp(Rgb::ZERO, Rgb::ONE);
+            let factor_texture = texture(&d.diffuse_transmission_texture, factor > 0.0)?;
+            let color_texture = texture(&d.diffuse_transmission_color_texture, factor > 0.0)?;
+            Ok((factor > 0.0).then_some(Translucency { factor, factor_texture, color, color_texture }))
+        })?,
         emission,
         emission_texture: texture(&entry.emissive_texture, emission != Rgb::ZERO && !unlit)?,
         alpha,

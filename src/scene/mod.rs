@@ -17,6 +17,7 @@
 //! `trailing-bytes`, `unsupported-extension`, `unused-rule`.
 
 mod accessor;
+mod basis;
 mod cameras;
 mod container;
 mod document;
@@ -28,11 +29,13 @@ mod extras;
 mod geometry;
 mod group;
 mod images;
+mod instancing;
 mod light;
 mod load;
 mod material;
 mod meshopt;
 mod nodes;
+mod optics;
 mod origin;
 mod pose;
 mod primitive;
@@ -51,7 +54,7 @@ pub use error::{Class, Error};
 pub use group::Groups;
 pub use light::{Light, Sky};
 pub use load::{Settings, load, load_bytes};
-pub use material::{Alpha, Material, TextureRef};
+pub use material::{Alpha, Material, TextureRef, Translucency};
 pub use origin::{Cuts, Origin};
 pub use rules::{Glob, Rule, Treatment};
 pub use texture::{Texture, Wrap};

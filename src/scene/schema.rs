@@ -14,7 +14,9 @@
 
 pub use super::draco::Draco;
 pub use super::extras::Own;
+pub use super::instancing::Instancing;
 pub use super::meshopt::{CompressedView, Fallback, Meshopt};
+pub use super::optics::{DiffuseTransmission, SpecularGlossiness, Transmission};
 use serde::Deserialize;
 use serde::Deserializer;
 use serde::de::IgnoredAny;
@@ -136,6 +138,9 @@ pub struct Node {
     pub weights: Option<Vec<f32>>,
     pub extensions: NodeExtensions,
     pub extras: Own,
+    /// Which instance of `EXT_mesh_gpu_instancing` it stands for; 0 for any other node.
+    #[serde(skip)]
+    pub instance: usize,
 }
 
 #[derive(Debug, Default, Clone, Deserialize)]
@@ -146,7 +151,7 @@ pub struct NodeExtensions {
     #[serde(rename = "KHR_node_visibility")]
     pub visibility: Option<Visibility>,
     #[serde(rename = "EXT_mesh_gpu_instancing")]
-    pub instancing: Option<IgnoredAny>,
+    pub instancing: Option<Instancing>,
 }
 
 #[derive(Debug, Default, Clone, Deserialize)]
@@ -320,6 +325,12 @@ pub struct MaterialExtensions {
     pub emissive_strength: Option<EmissiveStrength>,
     #[serde(rename = "KHR_materials_unlit")]
     pub unlit: Option<IgnoredAny>,
+    #[serde(rename = "KHR_materials_pbrSpecularGlossiness")]
+    pub specular_glossiness: Option<SpecularGlossiness>,
+    #[serde(rename = "KHR_materials_transmission")]
+    pub transmission: Option<Transmission>,
+    #[serde(rename = "KHR_materials_diffuse_transmission")]
+    pub diffuse_transmission: Option<DiffuseTransmission>,
     #[serde(rename = "MOZ_lightmap")]
     pub lightmap: Option<TextureInfo>,
 }
@@ -385,7 +396,7 @@ pub struct TextureExtensions {
     #[serde(rename = "EXT_texture_webp")]
     pub webp: Option<TextureSource>,
     #[serde(rename = "KHR_texture_basisu")]
-    pub basisu: Option<IgnoredAny>,
+    pub basisu: Option<TextureSource>,
     #[serde(rename = "MSFT_texture_dds")]
     pub dds: Option<IgnoredAny>,
 }

@@ -71,19 +71,59 @@ impl Scene {
         &self.materials[self.part(triangle).material]
     }
 
-    /// Diffuse reflectance ρ = base colour · (1 − metallic), in [0, 1]; 0 for unlit materials.
+    /// Diffuse reflectance ρ = base colour · (1 − metallic), in [0, 1], of what the surface stops (see
+    /// [`Scene::opacity`]); 0 for unlit materials.
     #[must_use]
     pub fn reflectance(&self, triangle: u32, b: Vec2) -> Rgb {
         let material = self.material(triangle);
         if material.unlit {
             return Rgb::ZERO;
         }
-        let mut metallic = material.metallic;
-        if let Some(r) = &material.metallic_texture {
-            metallic *= self.textures[r.texture].sample_linear(self.texture_uv(triangle, b, r)).z;
-        }
         let base = self.base_color(triangle, b).truncate();
-        (base * (1.0 - metallic)).clamp(Rgb::ZERO, Rgb::ONE)
+        self.scattered(material, triangle, b, base * (1.0 - self.translucence(material, triangle, b)))
+    }
+
+    /// The same for what leaves on the other side.
+    #[must_use]
+    pub fn diffuse_transmittance(&self, triangle: u32, b: Vec2) -> Rgb {
+        let material = self.material(triangle);
+        let Some(through) = &material.translucency else { return Rgb::ZERO };
+        let texel = |r: &TextureRef| self.textures[r.texture].sample_srgb(self.texture_uv(triangle, b, r)).truncate();
+        let color = through.color_texture.as_ref().map_or(through.color, |r| through.color * texel(r));
+        self.scattered(material, triangle, b, color * self.translucence(material, triangle, b))
+    }
+
+    /// A diffuse colour, less what is reflected as by a mirror and what passes, for what the surface stops.
+    fn scattered(&self, material: &Material, triangle: u32, b: Vec2, mut color: Rgb) -> Rgb {
+        if let Some(r) = &material.specular_texture {
+            let texel = self.textures[r.texture].sample_srgb(self.texture_uv(triangle, b, r)).truncate();
+            color *= 1.0 - (material.specular * texel).max_element();
+        }
+        let all = (color * (1.0 - self.metallic(material, triangle, b))).clamp(Rgb::ZERO, Rgb::ONE);
+        if material.transmission == 0.0 {
+            return all;
+        }
+        let scattered = self.coverage(material, triangle, b) * (1.0 - self.passing(material, triangle, b));
+        let stopped = self.opacity(triangle, b);
+        if stopped > 0.0 { (all * (scattered / stopped)).min(Rgb::ONE) } else { Rgb::ZERO }
+    }
+
+    /// Share of the scattered light that leaves on the other side.
+    fn translucence(&self, material: &Material, triangle: u32, b: Vec2) -> f32 {
+        let Some(through) = &material.translucency else { return 0.0 };
+        let texel = |r: &TextureRef| self.textures[r.texture].sample_alpha(self.texture_uv(triangle, b, r));
+        through.factor_texture.as_ref().map_or(through.factor, |r| through.factor * texel(r))
+    }
+
+    fn metallic(&self, material: &Material, triangle: u32, b: Vec2) -> f32 {
+        let texel = |r: &TextureRef| self.textures[r.texture].sample_linear(self.texture_uv(triangle, b, r)).z;
+        material.metallic_texture.as_ref().map_or(material.metallic, |r| material.metallic * texel(r))
+    }
+
+    /// Share of the light that `KHR_materials_transmission` lets pass, before its colour.
+    fn passing(&self, material: &Material, triangle: u32, b: Vec2) -> f32 {
+        let texel = |r: &TextureRef| self.textures[r.texture].sample_linear(self.texture_uv(triangle, b, r)).x;
+        material.transmission_texture.as_ref().map_or(material.transmission, |r| material.transmission * texel(r))
     }
 
     /// Emitted radiance of the front side [cd/m²] (both sides of a double-sided material), as others are lit by it.
@@ -115,10 +155,34 @@ impl Scene {
         }
     }
 
-    /// Probability in [0, 1] that the surface stops a ray at this point.
+    /// Probability in [0, 1] that the surface stops a ray at this point: 1 − the largest channel of
+    /// [`Scene::transmittance`].
     #[must_use]
     pub fn opacity(&self, triangle: u32, b: Vec2) -> f32 {
         let material = self.material(triangle);
+        if material.transmission == 0.0 {
+            return self.coverage(material, triangle, b);
+        }
+        (1.0 - self.transmittance(triangle, b).max_element()).clamp(0.0, 1.0)
+    }
+
+    /// Share of the light in [0, 1] that goes straight through the surface at this point: past it, by its alpha, and
+    /// through it, by `KHR_materials_transmission`. Only the latter has a colour.
+    #[must_use]
+    pub fn transmittance(&self, triangle: u32, b: Vec2) -> Rgb {
+        let material = self.material(triangle);
+        let coverage = self.coverage(material, triangle, b);
+        let past = Rgb::splat(1.0 - coverage);
+        if material.transmission == 0.0 {
+            return past;
+        }
+        let through = self.passing(material, triangle, b) * (1.0 - self.metallic(material, triangle, b));
+        let color = self.base_color(triangle, b).truncate().clamp(Rgb::ZERO, Rgb::ONE);
+        past + color * (coverage * through)
+    }
+
+    /// What alpha leaves of the surface at this point, in [0, 1].
+    fn coverage(&self, material: &Material, triangle: u32, b: Vec2) -> f32 {
         match material.alpha {
             Alpha::Opaque => 1.0,
             Alpha::Mask(cutoff) => f32::from(u8::from(self.alpha(material, triangle, b) >= cutoff)),

@@ -202,6 +202,10 @@ fn of_nodes(root: &Root, walk: &Walk, rules: &[Rule], warnings: &mut Vec<Warning
 fn motion(root: &Root, part: &Part, animated: bool) -> Option<Warning> {
     let Treatment { receives, casts, .. } = part.treatment;
     let name = &part.name;
+    // Further instances say the same.
+    if root.nodes.get(part.node).is_some_and(|node| node.instance > 0) {
+        return None;
+    }
     if is_deforming(root, part) {
         let blocks = if casts { "it blocks light as it stands at rest, but gets" } else { "it gets" };
         let what = format!("node {name} is skinned or morphed: {blocks} no lightmap");

@@ -21,7 +21,6 @@ use super::machine;
 use super::split::Bounds;
 use super::split::Item;
 use crate::base::parallel;
-use crate::scene::Alpha;
 use crate::scene::Part;
 use crate::scene::Scene;
 use core::mem::take;
@@ -203,7 +202,7 @@ fn item(scene: &Scene, triangle: u32) -> Option<Item> {
     if (b - a).cross(c - a) == DVec3::ZERO {
         return None;
     }
-    let opaque = scene.material(triangle).alpha == Alpha::Opaque;
+    let opaque = scene.material(triangle).is_opaque();
     Some(Item {
         triangle,
         min: corners[0].min(corners[1]).min(corners[2]),

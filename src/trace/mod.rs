@@ -2,7 +2,7 @@
 //!
 //! `build` makes a hierarchy of eight boxes per node (cut by `split`), `traverse` walks it with a `stack`, `triangle`
 //! decides watertightly what is met, `origin` finds starts of rays that never meet the surface they leave, `lift` those
-//! of rays that graze a smooth body made of facets. `lanes` are the eight-fold numbers of all that, `machine` has their
+//! of rays that graze a smooth body made of facets, `tint` what coloured glass does to light. `lanes` are the eight-fold numbers of all that, `machine` has their
 //! AVX2 kind, chosen once per [`Tracer`].
 //!
 //! Invariants:
@@ -23,6 +23,7 @@ mod machine;
 mod origin;
 mod split;
 mod stack;
+mod tint;
 mod traverse;
 mod triangle;
 mod winding;
@@ -77,6 +78,10 @@ pub struct Line {
 pub struct Tracer<'a> {
     scene: &'a Scene,
     hierarchy: Hierarchy,
+    /// Some material lets light pass.
+    transparent: bool,
+    /// Some material gives light a colour that passes it.
+    tints: bool,
     /// The machine has AVX2.
     #[cfg(target_arch = "x86_64")]
     avx2: Option<machine::Avx2>,
@@ -90,6 +95,8 @@ struct Ray3 {
     t_max: f32,
     /// Triangle that it passes, or [`NO_TRIANGLE`].
     passes: u32,
+    /// It passes all transparent triangles, too.
+    clear: bool,
 }
 
 /// No triangle.
@@ -98,7 +105,13 @@ const NO_TRIANGLE: u32 = u32::MAX;
 impl From<&Ray> for Ray3 {
     #[inline]
     fn from(ray: &Ray) -> Self {
-        Self { origin: ray.origin, direction: ray.direction.as_dvec3(), t_max: ray.t_max, passes: NO_TRIANGLE }
+        Self {
+            origin: ray.origin,
+            direction: ray.direction.as_dvec3(),
+            t_max: ray.t_max,
+            passes: NO_TRIANGLE,
+            clear: false,
+        }
     }
 }
 
@@ -125,6 +138,8 @@ impl<'a> Tracer<'a> {
         Self {
             scene,
             hierarchy,
+            transparent: scene.materials.iter().any(|m| !m.is_opaque()),
+            tints: scene.materials.iter().any(|m| m.transmission > 0.0),
             #[cfg(target_arch = "x86_64")]
             avx2,
         }
@@ -165,7 +180,13 @@ impl<'a> Tracer<'a> {
     /// end by as much as `origin_on` has pushed it off its surface.
     #[must_use]
     pub fn segment_clear(&self, from: Vec3, to: Vec3) -> bool {
-        !self.any(Ray3 { origin: from, direction: to.as_dvec3() - from.as_dvec3(), t_max: 1.0, passes: NO_TRIANGLE })
+        !self.any(Ray3 {
+            origin: from,
+            direction: to.as_dvec3() - from.as_dvec3(),
+            t_max: 1.0,
+            passes: NO_TRIANGLE,
+            clear: false,
+        })
     }
 
     /// Another surface lies on this point of a triangle's front, face to face: the foot of a chair on the floor. Rays
@@ -175,7 +196,7 @@ impl<'a> Tracer<'a> {
         let normal = ground.normal();
         let [above, below] = [normal, -normal].map(|side| self.leave(ground, b, side));
         let direction = below.as_dvec3() - above.as_dvec3();
-        let hit = self.nearest(Ray3 { origin: above, direction, t_max: 1.0, passes: triangle });
+        let hit = self.nearest(Ray3 { origin: above, direction, t_max: 1.0, passes: triangle, clear: false });
         hit.is_some_and(|h| !h.front && self.scene.geometric_normal(h.triangle).dot(normal) < FACE_TO_FACE)
     }
 

@@ -186,7 +186,7 @@ fn improve(tracer: &Tracer<'_>, ray: &Ray3, shear: &Shear, packet: &Packet, lane
     if triangle == ray.passes {
         return false;
     }
-    if tagged & Packet::TRANSPARENT != 0 && !stops(tracer, ray, triangle, crossing.weights()) {
+    if tagged & Packet::TRANSPARENT != 0 && (ray.clear || !stops(tracer, ray, triangle, crossing.weights())) {
         return false;
     }
     *best = Best { t, triangle, crossing: Some(crossing) };

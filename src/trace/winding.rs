@@ -62,6 +62,6 @@ impl Tracer<'_> {
     }
 
     fn bounds_solid(&self, tagged: u32) -> bool {
-        tagged & Packet::TRANSPARENT == 0 && !self.scene.material(tagged).double_sided
+        tagged & Packet::TRANSPARENT == 0 && !self.scene.material(tagged).is_two_sided()
     }
 }

@@ -92,7 +92,7 @@ pub struct Bounce {
     pub received: [f64; 3],
     /// Left the scene.
     pub escaped: [f64; 3],
-    /// Ended on backs, unlit surfaces, where no texel is, and on parts that count as hidden.
+    /// Ended in coloured glass, on backs, unlit surfaces, where no texel is, and on parts that count as hidden.
     pub culled: [f64; 3],
 }
 
@@ -165,8 +165,8 @@ impl State {
 
     /// Adds what the patches reflect of `received` to what they have to shoot.
     fn turn(&mut self, patches: &Patches, Landed { received, bounce, .. }: &Landed) {
-        for ((unshot, r), rho) in self.unshot.iter_mut().zip(received).zip(&patches.reflectance) {
-            *unshot += *r * *rho;
+        for (i, unshot) in self.unshot.iter_mut().enumerate() {
+            *unshot += patches.scattered(i, |k| received[k]);
         }
         self.spent += bounce.lines;
         self.all_power += Bounce::mean(bounce.unshot);
@@ -204,8 +204,7 @@ impl State {
             }
         }
         let area = parallel::sum(patches.len(), |i| f64::from(patches.exposed_area(i)));
-        let reflecting =
-            parallel::sum(patches.len(), |i| f64::from(patches.exposed_area(i)) * mean(patches.reflectance[i]));
+        let reflecting = parallel::sum(patches.len(), |i| f64::from(patches.exposed_area(i)) * mean(patches.albedo(i)));
         reflecting / area.max(f64::MIN_POSITIVE)
     }
 

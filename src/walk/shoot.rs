@@ -137,6 +137,9 @@ impl Shooter<'_> {
             tally.culled += line.flux.as_dvec3();
             return None;
         };
+        let flux = line.flux * self.tracer.tint(&Ray { t_max: hit.t, ..line.ray });
+        // What glass takes away.
+        tally.culled += (line.flux - flux).as_dvec3();
         let length = line.ray.direction.length();
         Some(Arrival {
             patch,
@@ -144,7 +147,7 @@ impl Shooter<'_> {
             within,
             distance: hit.t * length,
             cosine: (line.ray.direction.dot(self.patches.normal[patch]) / length).abs(),
-            flux: line.flux,
+            flux,
         })
     }
 

@@ -45,6 +45,7 @@ pub(crate) fn cases() -> Vec<Case> {
     cases.extend(sparse());
     cases.extend(geometry());
     cases.extend(trees());
+    cases.extend(instances());
     cases.extend(materials());
     cases.extend(images());
     cases
@@ -126,8 +127,7 @@ fn versions_and_extensions() -> Vec<Case> {
             b.json["asset"] = json!({"version": "2.9", "minVersion": "2.7"});
         }),
         triangle("unknown required extension", Unsupported, &["ACME_quantum_mesh"], require("ACME_quantum_mesh")),
-        triangle("required Basis", Unsupported, &["KHR_texture_basisu", "PNG"], require("KHR_texture_basisu")),
-        triangle("required instancing", Unsupported, &["EXT_mesh_gpu_instancing"], require("EXT_mesh_gpu_instancing")),
+        triangle("required DDS", Unsupported, &["MSFT_texture_dds", "PNG"], require("MSFT_texture_dds")),
         triangle("Draco without bytes", Invalid, &["mesh 0, primitive 0", "no buffer view"], |b| {
             b.json["extensionsUsed"] = json!(["KHR_draco_mesh_compression"]);
             b.json["accessors"][0].as_object_mut().unwrap().remove("bufferView");
@@ -349,6 +349,58 @@ fn trees() -> Vec<Case> {
     ]
 }
 
+fn instances() -> Vec<Case> {
+    let instanced = |attributes: fn(&mut Builder) -> serde_json::Value| {
+        move |b: &mut Builder| {
+            let attributes = attributes(b);
+            b.json["nodes"][0]["name"] = json!("Trees");
+            b.json["nodes"][0]["extensions"] = json!({"EXT_mesh_gpu_instancing": {"attributes": attributes}});
+        }
+    };
+    let zeros = |count: usize| json!({"componentType": 5126, "count": count, "type": "VEC3"});
+    let all = ["Trees", "EXT_mesh_gpu_instancing"];
+    let words = |more: &'static str| [all[0], all[1], more];
+    vec![
+        triangle("instances that disagree", Invalid, &words("TRANSLATION has 3 elements, but SCALE has 2"), {
+            instanced(|b| json!({"TRANSLATION": b.floats("VEC3", &[0.0; 9]), "SCALE": b.floats("VEC3", &[1.0; 6])}))
+        }),
+        triangle("instances without an accessor", Invalid, &words("accessor 77 does not exist"), {
+            instanced(|_| json!({"TRANSLATION": 77}))
+        }),
+        triangle("instances moved by pairs", Invalid, &words("TRANSLATION: elements have 2 components"), {
+            instanced(|b| json!({"TRANSLATION": b.floats("VEC2", &[0.0; 4])}))
+        }),
+        triangle("an instance that is nowhere", Invalid, &words("TRANSLATION: element 1 is not finite"), {
+            instanced(|b| json!({"TRANSLATION": b.floats("VEC3", &[0.0, 0.0, 0.0, 0.0, f32::NAN, 0.0])}))
+        }),
+        triangle(
+            "an instance that is turned by nothing",
+            Invalid,
+            &words("ROTATION: element 0 is not a quaternion"),
+            instanced(|b| json!({"ROTATION": b.floats("VEC4", &[0.0; 4])})),
+        ),
+        triangle("a million instances of nothing", Unsupported, &words("more than 262144 instances"), move |b| {
+            let accessor = b.push("accessors", zeros(1 << 20));
+            b.json["nodes"][0]["name"] = json!("Trees");
+            let attributes = json!({"TRANSLATION": accessor});
+            b.json["nodes"][0]["extensions"] = json!({"EXT_mesh_gpu_instancing": {"attributes": attributes}});
+        }),
+        triangle(
+            "more triangles than fit, by instances",
+            Unsupported,
+            &["Trees.", "all instances", "pieces"],
+            move |b| {
+                let indices = b.accessor(5121, "SCALAR", 3000, &[0, 1, 2].repeat(1000), json!({}));
+                b.json["meshes"][0]["primitives"][0]["indices"] = json!(indices);
+                let accessor = b.push("accessors", zeros(200_000));
+                b.json["nodes"][0]["name"] = json!("Trees");
+                let attributes = json!({"TRANSLATION": accessor});
+                b.json["nodes"][0]["extensions"] = json!({"EXT_mesh_gpu_instancing": {"attributes": attributes}});
+            },
+        ),
+    ]
+}
+
 fn materials() -> Vec<Case> {
     let material = |material: serde_json::Value| {
         move |b: &mut Builder| {
@@ -373,8 +425,8 @@ fn materials() -> Vec<Case> {
             let info = json!({"index": 0, "texCoord": 99});
             material(json!({"pbrMetallicRoughness": {"baseColorTexture": info}}))(b);
         }),
-        triangle("texture that exists only as Basis", Unsupported, &["KHR_texture_basisu", "Wood"], |b| {
-            b.push("textures", json!({"extensions": {"KHR_texture_basisu": {"source": 0}}}));
+        triangle("texture that exists only as DDS", Unsupported, &["MSFT_texture_dds", "Wood"], |b| {
+            b.push("textures", json!({"extensions": {"MSFT_texture_dds": {"source": 0}}}));
             material(color(0))(b);
         }),
         triangle("texture without an image", Invalid, &["Wood", "no image"], |b| {

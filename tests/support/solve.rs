@@ -73,7 +73,7 @@ impl<'a> Stage<'a> {
 
     pub fn walk_with(&self, direct: Option<&[Rgb]>, settings: &walk::Settings) -> Walk {
         let p = &self.patches;
-        let unshot = |d: &[Rgb]| (0..p.len()).map(|i| d[i] * p.exposed_area(i) * p.reflectance[i]).collect();
+        let unshot = |d: &[Rgb]| (0..p.len()).map(|i| p.scattered(i, |k| d[k] * p.exposed_area(k))).collect();
         let start = direct.map_or_else(|| vec![Rgb::ZERO; p.len()], unshot);
         let sources = shoot::Sources::new(&self.tracer, &self.emitters, settings.seed);
         let line = |k, n| sources.line(k, n);

@@ -15,7 +15,7 @@
 //!
 //! Vertex light goes another way with the same parts: `vertex`.
 //!
-//! Nothing is renumbered or taken away; every byte of the JSON outside of these places stays.
+//! Instances of `EXT_mesh_gpu_instancing` were made nodes of before (`scene`). Nothing is renumbered or taken away; every byte of the JSON outside of these places stays.
 //!
 //! Known limits: animations that point into a material do not reach its copies for further pages. With `extras` of a
 //! scene that is no object there is no place for the manifest; the textures still name the EXR files.

@@ -1,7 +1,7 @@
 //! Images that materials read, as files that USD readers can open.
 //!
 //! PNG and JPEG files stay where they are and are referred to. Those inside of the document's buffers are copied out,
-//! byte for byte. What is WebP or a data URI is written as PNG, from the pixels that the bake has used.
+//! byte for byte. What is WebP, KTX2 or a data URI is written as PNG, from the pixels that the bake has used.
 
 use super::asset;
 use crate::output::Error;
@@ -37,9 +37,7 @@ impl Images {
             let used = [&material.base_color_texture, &material.metallic_texture, &material.emission_texture];
             for texture in used.into_iter().flatten().map(|t| t.texture) {
                 let entry = &scene.document.root.textures[texture];
-                let Some(image) = entry.source.or(entry.extensions.webp.as_ref().and_then(|w| w.source)) else {
-                    continue;
-                };
+                let Some(image) = entry.image() else { continue };
                 let path = match done.entry(image) {
                     Entry::Occupied(known) => known.get().clone(),
                     Entry::Vacant(new) => {

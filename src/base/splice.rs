@@ -242,6 +242,29 @@ impl<'a> Splice<'a> {
         Ok(())
     }
 
+    /// Takes a member out of an object, with the comma and the white space that belong to it. Nothing happens if there is
+    /// none. The first two members of an object cannot both go in one splice.
+    ///
+    /// # Errors
+    /// If `object` is not one.
+    pub fn remove(&mut self, object: &Element<'_>, key: &str) -> Result<(), Fault> {
+        if !object.is_object() {
+            return fault(format!("expected an object in place of `{}`", shortened(object.text)));
+        }
+        let members = object.members();
+        for (i, (_, value)) in members.iter().enumerate().filter(|(_, (k, _))| k == key) {
+            let (mut start, mut end) = (object.start + 1, value.end());
+            if i > 0 {
+                start = members[i - 1].1.end();
+            } else if members.len() > 1 {
+                let rest = &object.text[end - object.start..];
+                end += rest.find(',').map_or(0, |comma| comma + 1);
+            }
+            self.replaced.insert(start, (end, String::new()));
+        }
+        Ok(())
+    }
+
     /// Appends values to the array at `key` of an object, which is made if it is missing.
     ///
     /// # Errors
@@ -404,6 +427,20 @@ mod tests {
         splice.append(&array, ["3".to_owned()]).unwrap();
         splice.replace(&array.items()[1], "9");
         assert_eq!(splice.apply().unwrap(), "{\"a\":[1,9,3]}");
+    }
+
+    #[test]
+    fn members_go_with_their_commas() {
+        let without = |source: &str, key: &str| {
+            let mut splice = Splice::new(source);
+            splice.remove(&Element::root(source).unwrap(), key).unwrap();
+            splice.apply().unwrap()
+        };
+        let source = "{ \"a\": {\"b\": 2},\n  \"b\" : [1, 2] ,\n  \"c\": 3 }";
+        assert_eq!(without(source, "a"), "{\n  \"b\" : [1, 2] ,\n  \"c\": 3 }");
+        assert_eq!(without(source, "b"), "{ \"a\": {\"b\": 2} ,\n  \"c\": 3 }");
+        assert_eq!(without(source, "c"), "{ \"a\": {\"b\": 2},\n  \"b\" : [1, 2] }");
+        assert_eq!((without(source, "d"), without("{ \"a\": 1 }", "a")), (source.to_owned(), "{ }".to_owned()));
     }
 
     #[test]

@@ -1,0 +1,98 @@
+//! What transparent surfaces do to light along a ray.
+//!
+//! * [`Tracer::unblocked`]: how much light comes from a point to another, for shadow rays. What all transparent triangles on
+//!   the way let pass is multiplied; nothing is left to chance, so texels agree on what they see through a veil.
+//! * [`Tracer::tint`]: rays that look for what they hit pass a transparent triangle with the probability of its clearest
+//!   channel (`stops` in `traverse`). What they bring is to be multiplied by transmittance over that probability. Only
+//!   materials of `KHR_materials_transmission` have a colour.
+//!
+//! Invariant: the mean over many rays of either kind is the same. Scenes without transparent materials pay for one branch.
+
+use super::Ray;
+use super::Ray3;
+use super::Tracer;
+use super::build::Packet;
+use super::build::WIDTH;
+use super::lanes::Lanes;
+use super::lanes::Portable;
+use super::traverse::Slab;
+use super::traverse::limit;
+use super::triangle::Shear;
+use super::triangle::ShearLanes;
+use crate::base::Rgb;
+use glam::Vec2;
+
+impl Tracer<'_> {
+    /// Share of the light that comes along a ray from `t_max`, by channel: 0 where [`Tracer::occluded`] by what is opaque.
+    #[must_use]
+    #[inline]
+    pub fn unblocked(&self, ray: &Ray) -> Rgb {
+        if !self.transparent {
+            return if self.occluded(ray) { Rgb::ZERO } else { Rgb::ONE };
+        }
+        let clear = Ray3 { clear: true, ..ray.into() };
+        if self.any(clear) {
+            return Rgb::ZERO;
+        }
+        self.product(&clear, |triangle, b| self.scene.transmittance(triangle, b))
+    }
+
+    /// Colour of the light that comes along a ray, if nothing stops it before `t_max`.
+    #[must_use]
+    #[inline]
+    pub fn tint(&self, ray: &Ray) -> Rgb {
+        if !self.tints {
+            return Rgb::ONE;
+        }
+        self.product(&ray.into(), |triangle, b| {
+            if self.scene.material(triangle).transmission <= 0.0 {
+                return Rgb::ONE;
+            }
+            let through = self.scene.transmittance(triangle, b);
+            let most = through.max_element();
+            if most > 0.0 { through / most } else { Rgb::ONE }
+        })
+    }
+
+    /// Product of a factor over all transparent triangles that a ray crosses.
+    #[cold]
+    fn product(&self, ray: &Ray3, factor: impl Fn(u32, Vec2) -> Rgb) -> Rgb {
+        let mut product = Rgb::ONE;
+        if !(ray.origin.is_finite() && ray.direction.is_finite() && ray.t_max > 0.0) || self.hierarchy.nodes.is_empty()
+        {
+            return product;
+        }
+        let shear = Shear::new(ray.origin, ray.direction);
+        let (slab, lanes) = (Slab::<Portable>::new(self, ray.origin, &shear), ShearLanes::<Portable>::new(&shear));
+        let most = Portable::splat(limit(ray.t_max, shear.scale()));
+        let mut open = vec![self.hierarchy.root];
+        while let Some(child) = open.pop() {
+            if let Some((packet, count)) = child.as_packet() {
+                let packet = &self.hierarchy.packets[packet];
+                let mask = lanes.filter(packet, &shear) & ((1 << count) - 1);
+                for lane in (0..count).filter(|lane| mask >> lane & 1 == 1) {
+                    if let Some((triangle, b)) = crossed(ray, &shear, packet, lane) {
+                        product *= factor(triangle, b);
+                    }
+                }
+            } else {
+                let node = &self.hierarchy.nodes[child.as_node()];
+                let mask = slab.meet(node, most).1;
+                open.extend((0..WIDTH).filter(|slot| mask >> slot & 1 == 1).map(|slot| node.children[slot]));
+            }
+        }
+        product
+    }
+}
+
+/// A transparent triangle that the ray crosses, and where.
+fn crossed(ray: &Ray3, shear: &Shear, packet: &Packet, lane: usize) -> Option<(u32, Vec2)> {
+    let tagged = packet.triangles[lane];
+    let triangle = tagged & !Packet::TRANSPARENT;
+    if tagged == triangle {
+        return None;
+    }
+    let crossing = shear.cross(packet, lane)?;
+    let t = crossing.t() as f32;
+    (t > 0.0 && t < ray.t_max).then(|| (triangle, crossing.weights()))
+}
