@@ -4,6 +4,8 @@
 
 #[path = "support/hostile.rs"]
 mod hostile;
+#[path = "support/odd.rs"]
+mod odd;
 #[path = "support/rich.rs"]
 mod rich;
 
@@ -18,7 +20,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
 #[test]
 fn every_case_is_refused_with_its_class_and_a_clear_message() {
     let cases = hostile::cases();
-    assert!(cases.len() >= 35);
+    assert!(cases.len() >= 110, "{}", cases.len());
     let mut faults = Vec::new();
     for case in &cases {
         let folder = tempfile::tempdir().unwrap();
@@ -69,6 +71,76 @@ fn case_names_are_distinct() {
     let mut names: Vec<_> = hostile::cases().iter().map(|c| c.name).collect();
     names.sort_unstable();
     assert!(names.windows(2).all(|w| w[0] != w[1]));
+}
+
+/// Writes files into a folder, which it makes.
+fn write(folder: &std::path::Path, name: &str, bytes: &[u8]) {
+    let path = folder.join(name);
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    std::fs::write(path, bytes).unwrap();
+}
+
+#[test]
+fn odd_documents_load_and_can_be_charted() {
+    let cases = odd::cases();
+    assert!(cases.len() >= 28, "{}", cases.len());
+    let mut faults = Vec::new();
+    for case in &cases {
+        let folder = tempfile::tempdir().unwrap();
+        case.files.iter().for_each(|(name, bytes)| write(folder.path(), name, bytes));
+        let loaded = match scene::load(&folder.path().join(case.main), &scene::Settings::default()) {
+            Ok(loaded) => loaded,
+            Err(error) => {
+                faults.push(format!("{}: {error}", case.name));
+                continue;
+            }
+        };
+        let (scene, count) = (&loaded.output, loaded.output.triangles.len());
+        if count != case.triangles || !(case.holds)(scene) {
+            faults.push(format!("{}: {count} triangles, or not what they should be", case.name));
+        }
+        let mut codes: Vec<&str> = loaded.warnings.iter().map(|w| w.code).collect();
+        codes.dedup();
+        if codes != case.warnings {
+            faults.push(format!("{}: warnings {codes:?}", case.name));
+        }
+        let how =
+            texelwalk::atlas::Settings { page_size: 256, max_pages: Some(1), ..texelwalk::atlas::Settings::default() };
+        match texelwalk::atlas::build(scene, &how) {
+            Ok(atlas) if atlas.output.pages == 1 => {}
+            Ok(atlas) => faults.push(format!("{}: {} pages", case.name, atlas.output.pages)),
+            Err(error) => faults.push(format!("{}: no atlas: {error}", case.name)),
+        }
+    }
+    assert!(faults.is_empty(), "{} of {} cases:\n{}", faults.len(), cases.len(), faults.join("\n"));
+}
+
+/// Links are followed, as everywhere; what is at their end must be a file.
+#[cfg(unix)]
+#[test]
+fn links_are_followed_to_files_alone() {
+    use std::os::unix::fs::symlink;
+    let folder = tempfile::tempdir().unwrap();
+    let mut b = hostile::builder::Builder::triangle();
+    b.json["buffers"][0]["uri"] = serde_json::json!("a.bin");
+    write(folder.path(), "real.gltf", &b.gltf());
+    write(folder.path(), "real.bin", &b.bin);
+    let at = |name: &str| folder.path().join(name);
+    symlink("real.gltf", at("a.gltf")).unwrap();
+    let load = || scene::load(&at("a.gltf"), &scene::Settings::default()).map_err(|e| (e.class(), e.to_string()));
+    symlink("real.bin", at("a.bin")).unwrap();
+    assert_eq!(load().unwrap().output.triangles.len(), 1);
+    for (target, class, word) in [
+        ("a.bin", scene::Class::Io, "a.bin"),
+        ("/dev/zero", scene::Class::Io, "not a regular file"),
+        (".", scene::Class::Io, "not a regular file"),
+        ("nowhere", scene::Class::Invalid, "a.bin"),
+    ] {
+        std::fs::remove_file(at("a.bin")).unwrap();
+        symlink(target, at("a.bin")).unwrap();
+        let (found, message) = load().unwrap_err();
+        assert!(found == class && message.contains(word), "link to {target}: {found:?} {message}");
+    }
 }
 
 /// The document that most cases change is fine by itself, so each refusal is due to the change.

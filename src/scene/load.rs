@@ -54,7 +54,7 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
     document.load_buffers()?;
     document.decompress_views()?;
     document.decompress_primitives()?;
-    let walk = nodes::walk(&document.root, settings.scene)?;
+    let walk = nodes::walk(&document.root, settings.scene, &mut warnings)?;
     let mut materials = material::read(&document.root, &mut warnings)?;
     let geometry = geometry::read(&document, &walk, &materials, &mut warnings)?;
     if geometry.triangles.is_empty() {

@@ -13,8 +13,8 @@
 //!
 //! Codes of warnings: `animated-node`, `bad-alpha-mode`, `bad-camera`, `bad-color`, `bad-light`, `bad-light-group`,
 //! `bad-normals`, `bad-sampler`, `bad-texcoord`, `byte-order-mark`, `deforming-mesh`, `factor-out-of-range`,
-//! `incomplete-triangle`, `missing-texcoord`, `no-positions`, `no-triangles`, `not-triangles`, `trailing-bytes`,
-//! `unsupported-extension`.
+//! `incomplete-triangle`, `missing-texcoord`, `no-positions`, `no-triangles`, `not-a-root`, `not-triangles`,
+//! `trailing-bytes`, `unsupported-extension`.
 
 mod accessor;
 mod cameras;

@@ -9,6 +9,7 @@
 use super::Error;
 use super::schema::Node;
 use super::schema::Root;
+use crate::base::Warning;
 use glam::DMat4;
 use glam::DQuat;
 use glam::DVec3;
@@ -32,7 +33,9 @@ pub(super) struct Walk {
 }
 
 /// Resolves the tree for scene `scene`, or the default one.
-pub(super) fn walk(root: &Root, scene: Option<usize>) -> Result<Walk, Error> {
+///
+/// Warning: `not-a-root`.
+pub(super) fn walk(root: &Root, scene: Option<usize>, warnings: &mut Vec<Warning>) -> Result<Walk, Error> {
     let parents = parents(root)?;
     let worlds = worlds(root, &parents)?;
     let mut moved = vec![false; root.nodes.len()];
@@ -46,7 +49,7 @@ pub(super) fn walk(root: &Root, scene: Option<usize>) -> Result<Walk, Error> {
     }
     let mut placed = Vec::new();
     let mut stack: Vec<(usize, bool, bool)> =
-        roots(root, scene, &parents)?.into_iter().rev().map(|node| (node, true, false)).collect();
+        roots(root, scene, &parents, warnings)?.into_iter().rev().map(|node| (node, true, false)).collect();
     while let Some((index, visible, animated)) = stack.pop() {
         let node = &root.nodes[index];
         let visible = visible && node.extensions.visibility.as_ref().is_none_or(|v| v.visible);
@@ -132,8 +135,13 @@ fn affine(m: DMat4) -> DMat4 {
     DMat4::from_cols(x.extend(0.0), y.extend(0.0), z.extend(0.0), w.extend(1.0))
 }
 
-/// The root nodes of the chosen scene.
-fn roots(root: &Root, scene: Option<usize>, parents: &[Option<usize>]) -> Result<Vec<usize>, Error> {
+/// The root nodes of the chosen scene. Some exporters list all nodes; those that a root leads to are there already.
+fn roots(
+    root: &Root,
+    scene: Option<usize>,
+    parents: &[Option<usize>],
+    warnings: &mut Vec<Warning>,
+) -> Result<Vec<usize>, Error> {
     let chosen = scene.or(root.scene).or(if root.scenes.is_empty() { None } else { Some(0) });
     let Some(index) = chosen else {
         return Ok((0..root.nodes.len()).filter(|&n| parents[n].is_none()).collect());
@@ -144,18 +152,37 @@ fn roots(root: &Root, scene: Option<usize>, parents: &[Option<usize>]) -> Result
     };
     let mut seen = std::collections::BTreeSet::new();
     for &node in &entry.nodes {
-        match parents.get(node) {
-            None => return Err(Error::invalid(format!("scene {index} refers to node {node}, which does not exist"))),
-            Some(Some(parent)) => {
-                return Err(Error::invalid(format!(
-                    "scene {index} lists node {node}, which is a child of node {parent}; only root nodes may be listed"
-                )));
-            }
-            Some(None) if !seen.insert(node) => {
-                return Err(Error::invalid(format!("scene {index} lists node {node} twice")));
-            }
-            Some(None) => {}
+        if node >= parents.len() {
+            return Err(Error::invalid(format!("scene {index} refers to node {node}, which does not exist")));
+        }
+        if !seen.insert(node) {
+            return Err(Error::invalid(format!("scene {index} lists node {node} twice")));
         }
     }
-    Ok(entry.nodes.clone())
+    let (found, others): (Vec<usize>, Vec<usize>) = entry.nodes.iter().partition(|&&node| parents[node].is_none());
+    let reached = if others.is_empty() { vec![] } else { below(root, &found) };
+    for node in others {
+        let parent = parents[node].unwrap_or_default();
+        if !reached[node] {
+            return Err(Error::invalid(format!(
+                "scene {index} lists node {node}, but not node {parent}, whose child it is; only root nodes may be listed"
+            )));
+        }
+        let what = format!(
+            "scene {index} lists node {node}, a child of node {parent}, as a root; it was taken once, as the child"
+        );
+        warnings.push(Warning::new("not-a-root", what));
+    }
+    Ok(found)
+}
+
+/// Which nodes the roots lead to, themselves included.
+fn below(root: &Root, roots: &[usize]) -> Vec<bool> {
+    let mut reached = vec![false; root.nodes.len()];
+    let mut stack = roots.to_vec();
+    while let Some(node) = stack.pop() {
+        reached[node] = true;
+        stack.extend(&root.nodes[node].children);
+    }
+    reached
 }

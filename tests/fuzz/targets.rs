@@ -32,15 +32,15 @@ pub(crate) struct Target {
 
 /// All of them. Shares follow from how much there is to find and what an execution costs.
 pub(crate) const ALL: [Target; 9] = [
-    Target { name: "document", run: document, share: 430 },
-    Target { name: "image", run: image, share: 160 },
+    Target { name: "document", run: document, share: 460 },
+    Target { name: "image", run: image, share: 170 },
     Target { name: "configuration", run: configuration, share: 100 },
-    Target { name: "environment", run: environment, share: 100 },
-    Target { name: "picture", run: picture, share: 100 },
+    Target { name: "environment", run: environment, share: 80 },
+    Target { name: "picture", run: picture, share: 80 },
     Target { name: "rewrite", run: rewrite, share: 60 },
-    Target { name: "baked", run: baked, share: 30 },
-    Target { name: "check", run: checked, share: 10 },
-    Target { name: "bake", run: bake, share: 10 },
+    Target { name: "baked", run: baked, share: 40 },
+    Target { name: "check", run: checked, share: 6 },
+    Target { name: "bake", run: bake, share: 4 },
 ];
 
 /// A document with its parts or its text changed, as GLB or as JSON with everything in it.

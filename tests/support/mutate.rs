@@ -168,8 +168,8 @@ const TOKENS: [&str; 30] = [
 
 /// Changes the text of a document: numbers and punctuation become others, or anything [`bytes`] does.
 pub(crate) fn text(data: &mut Vec<u8>, random: &mut Random) {
-    for _ in 0..random.few(4) {
-        if data.is_empty() || random.one_in(3) {
+    for _ in 0..random.few(2) {
+        if data.is_empty() || random.one_in(4) {
             change_bytes(data, b"{}[]:,\"", random);
             continue;
         }
