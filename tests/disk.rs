@@ -79,7 +79,7 @@ fn folders_that_cannot_be_written_to_are_code_4() {
     fs::create_dir(&locked).unwrap();
     fs::set_permissions(&locked, fs::Permissions::from_mode(0o555)).unwrap();
     // Nobody can make files in /proc, not even those who may write everywhere.
-    let mut places = vec![Path::new("/proc").to_path_buf(), Path::new("/proc/new/folder").to_path_buf()];
+    let mut places = vec![Path::new("/proc").to_path_buf(), Path::new("/proc/new").to_path_buf()];
     let everywhere = fs::write(locked.join("probe"), "x").is_ok();
     if !everywhere {
         places.extend([locked.clone(), locked.join("new")]);

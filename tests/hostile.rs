@@ -105,7 +105,7 @@ fn odd_documents_load_and_can_be_charted() {
             faults.push(format!("{}: warnings {codes:?}", case.name));
         }
         let how =
-            texelwalk::atlas::Settings { page_size: 256, max_pages: Some(1), ..texelwalk::atlas::Settings::default() };
+            texelwalk::atlas::Settings { page_size: 1024, max_pages: Some(1), ..texelwalk::atlas::Settings::default() };
         match texelwalk::atlas::build(scene, &how) {
             Ok(atlas) if atlas.output.pages == 1 => {}
             Ok(atlas) => faults.push(format!("{}: {} pages", case.name, atlas.output.pages)),

@@ -92,10 +92,13 @@ impl Document {
         let bytes = self.buffer_view(view)?;
         let count = wanted.iter().filter_map(|(a, ..)| self.root.accessors.get(*a)).map(|a| a.count).max();
         let padded = with_room(bytes, count.unwrap_or_default());
-        let mut decoded = Mesh::new();
+        let (mut decoded, mut buffer) = (Mesh::new(), DecoderBuffer::new(&padded));
         MeshDecoder::new()
-            .decode(&mut DecoderBuffer::new(&padded), &mut decoded)
+            .decode(&mut buffer, &mut decoded)
             .map_err(|e| Error::invalid(format!("its Draco bytes cannot be decoded: {e}")))?;
+        if buffer.remaining_size() < padded.len() - bytes.len() {
+            return Err(Error::invalid("its Draco bytes cannot be decoded: they end too early"));
+        }
         let mut out = Vec::with_capacity(wanted.len());
         for (accessor, what, number) in wanted {
             let values = match number {

@@ -128,6 +128,14 @@ fn trees() -> Vec<Odd> {
             b.json["nodes"] = json!([{"mesh": 0, "children": [1]}, {"children": [2]}, {}]);
             b.json["scenes"] = json!([{"nodes": [2, 0, 1]}]);
         }),
+        Odd {
+            holds: |s| s.vertices.position[1].abs_diff_eq(glam::Vec3::new(2.0, 0.0, 0.0), 1e-6),
+            ..triangle("a scene that lists a child without its parent", &["not-a-root"], |b| {
+                b.json["nodes"] =
+                    json!([{"children": [1], "scale": [9, 9, 9]}, {"children": [2], "scale": [2, 2, 2]}, {"mesh": 0}]);
+                b.json["scenes"] = json!([{"nodes": [1, 2]}]);
+            })
+        },
         triangle("an empty scene that is not asked for", &[], |b| {
             b.json["scenes"] = json!([{}, {"nodes": [0]}]);
             b.json["scene"] = json!(1);
