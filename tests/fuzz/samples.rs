@@ -5,6 +5,7 @@ use crate::gltf_builder::{Builder, glb, png, words};
 use crate::rich;
 use image::{DynamicImage, ImageFormat};
 use serde_json::{Value, json};
+use std::f64::consts::FRAC_1_SQRT_2;
 use std::fs;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
@@ -104,14 +105,8 @@ fn box_of_squares() -> Builder {
     b.set("/meshes/0/primitives/0/attributes/TEXCOORD_1", json!(uv));
     let normal = b.floats("VEC3", &[0., 0., 1.].repeat(4));
     b.set("/meshes/0/primitives/0/attributes/NORMAL", json!(normal));
-    b.push(
-        "nodes",
-        json!({"mesh": 0, "rotation": [0, 0.707_106_781_186_547_6, 0, 0.707_106_781_186_547_6], "scale": [1, 1, -1]}),
-    );
-    b.push(
-        "nodes",
-        json!({"mesh": 0, "rotation": [-0.707_106_781_186_547_6, 0, 0, 0.707_106_781_186_547_6], "children": [3, 4]}),
-    );
+    b.push("nodes", json!({"mesh": 0, "rotation": [0, FRAC_1_SQRT_2, 0, FRAC_1_SQRT_2], "scale": [1, 1, -1]}));
+    b.push("nodes", json!({"mesh": 0, "rotation": [-FRAC_1_SQRT_2, 0, 0, FRAC_1_SQRT_2], "children": [3, 4]}));
     b.push("nodes", json!({"camera": 0, "translation": [0.5, 0.5, 3]}));
     b.push("nodes", json!({"translation": [0.5, 0.5, 0.7], "extensions": {"KHR_lights_punctual": {"light": 0}}}));
     b.push("cameras", json!({"type": "perspective", "perspective": {"yfov": 0.8, "znear": 0.1}}));
