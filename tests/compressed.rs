@@ -51,6 +51,41 @@ fn meshopt_views_and_draco_primitives_are_read() {
     assert_eq!(draco.vertices.normal[0], Vec3::Z);
 }
 
+/// A flat grid of 15 × 15 vertices with `TEXCOORD_0` = position, as the reference encoder writes it (edgebreaker, speed 3, 6 bits).
+const GRID: &str = "\
+    RFJBQ08CAgEBAAAA4QGIAwGIAw4AaV/7VKtPVav6VFWrqk9VVauq+lRVVauqqk9VVVWrqqr6VFVVVauqqqpPVVVVVauqqqr6VFVV\
+    VVWrqqqqqk9VVVVVVauqqqqq+lRVVVVV1VNVVVVVVX2qqqqqqqpaVVVVVVXVp6qqqqqqCv8BEf8DLIOAAv8AAAAAAAEACQMAAAIB\
+    AwkCAAECAQEBAQRAdTJBBtUGExgYGKsYHxhYeIixJz8+bDovZIpAdDrRoeyNILbIKdlEI+a4LnTIy4MG705LFDXRizasXXq7ldmO\
+    HnttkhalOfiHZgfgD6IIF+KIcKJV/ljyUw91owEfzM964u9r/Pm/gQAAAAA/AAAAAAAAAAAAAAAAAAAAAABgQQYFAQEBA0BRPAMh\
+    AxMkAySrJB8kF9QfALy2NHkVJeqQmjwRHOIJ3ub78Y+l3wAAAAEDeP9VAAAAAD8AAAAAAAAAAAAAAAAAgD8G";
+
+/// Texture coordinates that are laid out alike everywhere take less than a bit each.
+#[test]
+fn draco_meshes_with_very_regular_texture_coordinates_are_read() {
+    use base64::Engine;
+    let bytes = base64::engine::general_purpose::STANDARD.decode(GRID).unwrap();
+    let (vertices, corners) = (15 * 15, 6 * 14 * 14);
+    let mut b = Builder::square(json!({}));
+    let view = b.view(&bytes, json!({}));
+    for (accessor, count) in [(0, vertices), (1, vertices), (2, corners)] {
+        b.json["accessors"][accessor].as_object_mut().unwrap().remove("bufferView");
+        b.json["accessors"][accessor]["count"] = json!(count);
+    }
+    b.json["extensionsUsed"] = json!(["KHR_draco_mesh_compression"]);
+    b.json["extensionsRequired"] = json!(["KHR_draco_mesh_compression"]);
+    let draco = json!({"bufferView": view, "attributes": {"POSITION": 0, "TEXCOORD_0": 1}});
+    b.set("/meshes/0/primitives/0/extensions", json!({"KHR_draco_mesh_compression": draco}));
+    b.set("/materials/0/pbrMetallicRoughness", json!({"baseColorTexture": {"index": 0}}));
+    b.texture(1, &[[255; 4]]);
+    let scene = scene(&b);
+    assert_eq!((scene.vertices.position.len(), scene.triangles.len()), (vertices, corners / 3));
+    let area: f64 = (0..scene.triangles.len() as u32).map(|t| scene.area(t)).sum();
+    assert!((area - 196.0).abs() < 0.1, "{area}");
+    for (position, uv) in scene.vertices.position.iter().zip(&scene.vertices.uv[0]) {
+        assert!((position.truncate() / 14.0 - *uv).abs().max_element() < 0.02, "{position} {uv}");
+    }
+}
+
 #[test]
 fn long_streams_cross_blocks() {
     let values: Vec<[u8; 12]> =

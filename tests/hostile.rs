@@ -4,7 +4,12 @@
 
 #[path = "support/hostile.rs"]
 mod hostile;
+#[path = "support/odd.rs"]
+mod odd;
+#[path = "support/rich.rs"]
+mod rich;
 
+use hostile::builder as gltf_builder;
 use std::time::Duration;
 use std::time::Instant;
 use texelwalk::scene;
@@ -15,7 +20,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
 #[test]
 fn every_case_is_refused_with_its_class_and_a_clear_message() {
     let cases = hostile::cases();
-    assert!(cases.len() >= 35);
+    assert!(cases.len() >= 110, "{}", cases.len());
     let mut faults = Vec::new();
     for case in &cases {
         let folder = tempfile::tempdir().unwrap();
@@ -68,6 +73,76 @@ fn case_names_are_distinct() {
     assert!(names.windows(2).all(|w| w[0] != w[1]));
 }
 
+/// Writes files into a folder, which it makes.
+fn write(folder: &std::path::Path, name: &str, bytes: &[u8]) {
+    let path = folder.join(name);
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    std::fs::write(path, bytes).unwrap();
+}
+
+#[test]
+fn odd_documents_load_and_can_be_charted() {
+    let cases = odd::cases();
+    assert!(cases.len() >= 28, "{}", cases.len());
+    let mut faults = Vec::new();
+    for case in &cases {
+        let folder = tempfile::tempdir().unwrap();
+        case.files.iter().for_each(|(name, bytes)| write(folder.path(), name, bytes));
+        let loaded = match scene::load(&folder.path().join(case.main), &scene::Settings::default()) {
+            Ok(loaded) => loaded,
+            Err(error) => {
+                faults.push(format!("{}: {error}", case.name));
+                continue;
+            }
+        };
+        let (scene, count) = (&loaded.output, loaded.output.triangles.len());
+        if count != case.triangles || !(case.holds)(scene) {
+            faults.push(format!("{}: {count} triangles, or not what they should be", case.name));
+        }
+        let mut codes: Vec<&str> = loaded.warnings.iter().map(|w| w.code).collect();
+        codes.dedup();
+        if codes != case.warnings {
+            faults.push(format!("{}: warnings {codes:?}", case.name));
+        }
+        let how =
+            texelwalk::atlas::Settings { page_size: 1024, max_pages: Some(1), ..texelwalk::atlas::Settings::default() };
+        match texelwalk::atlas::build(scene, &how) {
+            Ok(atlas) if atlas.output.pages == 1 => {}
+            Ok(atlas) => faults.push(format!("{}: {} pages", case.name, atlas.output.pages)),
+            Err(error) => faults.push(format!("{}: no atlas: {error}", case.name)),
+        }
+    }
+    assert!(faults.is_empty(), "{} of {} cases:\n{}", faults.len(), cases.len(), faults.join("\n"));
+}
+
+/// Links are followed, as everywhere; what is at their end must be a file.
+#[cfg(unix)]
+#[test]
+fn links_are_followed_to_files_alone() {
+    use std::os::unix::fs::symlink;
+    let folder = tempfile::tempdir().unwrap();
+    let mut b = hostile::builder::Builder::triangle();
+    b.json["buffers"][0]["uri"] = serde_json::json!("a.bin");
+    write(folder.path(), "real.gltf", &b.gltf());
+    write(folder.path(), "real.bin", &b.bin);
+    let at = |name: &str| folder.path().join(name);
+    symlink("real.gltf", at("a.gltf")).unwrap();
+    let load = || scene::load(&at("a.gltf"), &scene::Settings::default()).map_err(|e| (e.class(), e.to_string()));
+    symlink("real.bin", at("a.bin")).unwrap();
+    assert_eq!(load().unwrap().output.triangles.len(), 1);
+    for (target, class, word) in [
+        ("a.bin", scene::Class::Io, "a.bin"),
+        ("/dev/zero", scene::Class::Io, "not a regular file"),
+        (".", scene::Class::Io, "not a regular file"),
+        ("nowhere", scene::Class::Invalid, "a.bin"),
+    ] {
+        std::fs::remove_file(at("a.bin")).unwrap();
+        symlink(target, at("a.bin")).unwrap();
+        let (found, message) = load().unwrap_err();
+        assert!(found == class && message.contains(word), "link to {target}: {found:?} {message}");
+    }
+}
+
 /// The document that most cases change is fine by itself, so each refusal is due to the change.
 #[test]
 fn the_unchanged_document_loads() {
@@ -102,63 +177,6 @@ fn prefixes_and_flipped_bytes_never_panic() {
     assert!(loaded > 100, "only {loaded} changed files still load: the test no longer reaches the decoder");
 }
 
-/// A document that uses everything the reader knows.
-fn rich() -> serde_json::Value {
-    use serde_json::json;
-    let info = |set: u32| {
-        json!({"index": 0, "texCoord": set,
-               "extensions": {"KHR_texture_transform": {"offset": [0, 1], "rotation": 1, "scale": [2, 2], "texCoord": 0}}})
-    };
-    let mut b = hostile::builder::Builder::square(json!({
-        "pbrMetallicRoughness": {"baseColorFactor": [1, 1, 1, 1], "baseColorTexture": info(0),
-                                 "metallicFactor": 1, "metallicRoughnessTexture": info(1)},
-        "emissiveFactor": [1, 1, 1], "emissiveTexture": info(0), "alphaMode": "MASK", "alphaCutoff": 0.5,
-        "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 2}}
-    }));
-    b.texture(2, &[[9, 8, 7, 6]; 4]);
-    b.push("samplers", json!({"magFilter": 9728, "wrapS": 33648, "wrapT": 33071}));
-    b.set("/textures/0/sampler", json!(0));
-    let indices = b.view(&[0, 2], json!({}));
-    let values = b.view(&[0; 24], json!({}));
-    let sparse = json!({"count": 2, "indices": {"bufferView": indices, "byteOffset": 0, "componentType": 5121},
-                        "values": {"bufferView": values, "byteOffset": 0}});
-    b.set("/accessors/0/sparse", sparse);
-    b.set("/accessors/0/byteOffset", json!(0));
-    b.set("/bufferViews/0/byteStride", json!(12));
-    let joints = b.accessor(5121, "VEC4", 4, &[0; 16], json!({}));
-    let weights = b.floats("VEC4", &[1., 0., 0., 0.].repeat(4));
-    let binds = b.floats("MAT4", &glam::Mat4::IDENTITY.to_cols_array());
-    b.set("/meshes/0/primitives/0/attributes/JOINTS_0", json!(joints));
-    b.set("/meshes/0/primitives/0/attributes/WEIGHTS_0", json!(weights));
-    b.set("/meshes/0/primitives/0/attributes/COLOR_0", json!(weights));
-    b.set("/meshes/0/primitives/0/targets", json!([{"POSITION": 0}]));
-    b.set("/meshes/0/primitives/0/mode", json!(4));
-    b.set("/meshes/0/weights", json!([0.5]));
-    b.push("skins", json!({"joints": [1], "inverseBindMatrices": binds}));
-    b.set("/nodes/0/skin", json!(0));
-    b.push(
-        "nodes",
-        json!({"translation": [1, 2, 3], "rotation": [0, 0, 0, 1], "scale": [1, 2, 3], "children": [2, 3]}),
-    );
-    b.push("nodes", json!({"matrix": glam::Mat4::IDENTITY.to_cols_array(), "camera": 0, "mesh": 0, "weights": [1]}));
-    b.push(
-        "nodes",
-        json!({"extensions": {"KHR_lights_punctual": {"light": 0}, "KHR_node_visibility": {"visible": true}}}),
-    );
-    b.push("cameras", json!({"perspective": {"yfov": 1, "aspectRatio": 1}}));
-    b.push("scenes", json!({"nodes": [0, 1]}));
-    b.push("animations", json!({"channels": [{"target": {"node": 1, "path": "scale"}}]}));
-    let wishes = json!({"texelwalk": {"density": 2, "receives": true, "casts": 1, "emission": 2, "light_group": "a"}});
-    for at in ["/nodes/0", "/meshes/0", "/materials/0"] {
-        b.set(&format!("{at}/extras"), wishes.clone());
-    }
-    b.json["scene"] = json!(0);
-    b.json["extensions"] = json!({"KHR_lights_punctual": {"lights": [
-        {"type": "spot", "color": [1, 1, 1], "intensity": 5, "range": 9, "extras": {"radius": 0.1, "angle": 0.1, "texelwalk": {"intensity": 2}},
-         "spot": {"innerConeAngle": 0.1, "outerConeAngle": 0.2}}]}});
-    serde_json::from_slice(&b.gltf()).unwrap()
-}
-
 /// Paths to everything in a document.
 fn pointers(value: &serde_json::Value, here: &str, out: &mut Vec<String>) {
     out.push(here.to_owned());
@@ -174,7 +192,7 @@ fn pointers(value: &serde_json::Value, here: &str, out: &mut Vec<String>) {
 #[test]
 fn any_value_may_be_anything() {
     use serde_json::json;
-    let good = rich();
+    let good: serde_json::Value = serde_json::from_slice(&rich::document().gltf()).unwrap();
     let load = |json: &serde_json::Value| {
         scene::load_bytes(json.to_string().into_bytes(), std::path::Path::new("a.gltf"), &scene::Settings::default())
     };

@@ -208,3 +208,41 @@ fn the_study_of_charts_lays_out_a_scene_by_all_programs() {
     assert!((0..4).all(|row| (40.0..=100.0).contains(&number(row, 4))), "{said}");
     assert!(said.contains("triangles: "), "{said}");
 }
+
+#[test]
+#[ignore = "slow: makes the environment of the cross-checks"]
+fn the_corpus_runner_tells_bakes_refusals_and_faults_apart() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = folder("corpus");
+    let files = folder.join("files/ours");
+    fs::create_dir_all(&files).unwrap();
+    let fixtures = root().join("fixtures");
+    for name in ["cornell/cornell.gltf", "cornell/cornell.bin", "chairs/chairs.glb"] {
+        fs::copy(fixtures.join(name), files.join(name.split_once('/').unwrap().1)).unwrap();
+    }
+    fs::write(files.join("empty.gltf"), r#"{"asset": {"version": "2.0"}}"#).unwrap();
+    let list = folder.join("list.tsv");
+    fs::write(
+        &list,
+        "cornell.gltf\nchairs.glb\nempty.gltf\n".lines().map(|n| format!("ours/{n}\tours\t1\n")).collect::<String>(),
+    )
+    .unwrap();
+    let run = |program: &str, out: &str| {
+        let mut command = Command::new(environment_python());
+        let table = folder.join(format!("{out}.md"));
+        command.args([text(&root().join("pipelines/corpus/run.py")), text(files.parent().unwrap()), text(&list)]);
+        command.args([text(&folder.join(out)), "--program", program, "--table", text(&table)]);
+        let done = command.output().unwrap();
+        (done.status.code(), fs::read_to_string(&table).unwrap_or_default())
+    };
+    let (code, table) = run(env!("CARGO_BIN_EXE_texelwalk"), "good");
+    assert!(code == Some(0) && table.contains("2 baked, 1 refused, 0 with a fault"), "{table}");
+    assert!(table.contains("nothing to bake (") && table.contains("ours @ 1: 3"), "{table}");
+    // A program that bakes nothing and panics.
+    let bad = folder.join("bad.sh");
+    fs::write(&bad, "#!/bin/sh\necho \"thread 'main' panicked at here\" >&2\nexit 101\n").unwrap();
+    fs::set_permissions(&bad, fs::Permissions::from_mode(0o755)).unwrap();
+    let (code, table) = run(text(&bad), "bad");
+    assert!(code == Some(1) && table.contains("0 baked, 0 refused, 3 with a fault"), "{table}");
+    assert!(table.contains("panicked at here"), "{table}");
+}

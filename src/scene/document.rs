@@ -58,6 +58,7 @@ impl Document {
 
     /// Reads every buffer.
     pub(super) fn load_buffers(&mut self) -> Result<(), Error> {
+        self.mark_placeholders();
         for index in 0..self.root.buffers.len() {
             let length = self.root.buffers[index].byte_length;
             let context = format!("buffer {index}");

@@ -26,6 +26,9 @@ use draco_core::PointIndex;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
+/// Zeros for each byte of a compressed mesh, at most. Enough for 64 vertices to a byte; what was met has up to 10.
+const MOST_ROOM: usize = 8;
+
 /// Where a primitive's compressed mesh is.
 #[derive(Debug, Default, Clone, Deserialize)]
 #[serde(default, rename_all = "camelCase")]
@@ -87,10 +90,15 @@ impl Document {
             return Err(Error::unsupported("Draco compression of anything but triangle lists is not supported"));
         }
         let bytes = self.buffer_view(view)?;
-        let mut decoded = Mesh::new();
+        let count = wanted.iter().filter_map(|(a, ..)| self.root.accessors.get(*a)).map(|a| a.count).max();
+        let padded = with_room(bytes, count.unwrap_or_default());
+        let (mut decoded, mut buffer) = (Mesh::new(), DecoderBuffer::new(&padded));
         MeshDecoder::new()
-            .decode(&mut DecoderBuffer::new(bytes), &mut decoded)
+            .decode(&mut buffer, &mut decoded)
             .map_err(|e| Error::invalid(format!("its Draco bytes cannot be decoded: {e}")))?;
+        if buffer.remaining_size() < padded.len() - bytes.len() {
+            return Err(Error::invalid("its Draco bytes cannot be decoded: they end too early"));
+        }
         let mut out = Vec::with_capacity(wanted.len());
         for (accessor, what, number) in wanted {
             let values = match number {
@@ -168,6 +176,19 @@ impl Document {
         }
         Ok(bytes)
     }
+}
+
+/// Zeros behind a mesh with `count` vertices or corners, a bit for each, but at most [`MOST_ROOM`] bytes for one.
+///
+/// `draco-core` 1.2.0 takes a mesh for damaged when it has more orientations of texture coordinates (at most one for a
+/// vertex) than bits are left (`prediction_scheme_tex_coords_portable.rs`). Where they are all alike, real encoders spend
+/// far less than a bit on one.
+fn with_room(bytes: &[u8], count: usize) -> Vec<u8> {
+    let room = (count / 8 + 1).min(bytes.len().saturating_mul(MOST_ROOM));
+    let mut padded = Vec::with_capacity(bytes.len() + room);
+    padded.extend_from_slice(bytes);
+    padded.resize(bytes.len() + room, 0);
+    padded
 }
 
 /// Component `c` of an attribute at a point; `None` if the mesh lacks it.

@@ -58,7 +58,7 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
     document.decompress_views()?;
     document.decompress_primitives()?;
     document.expand_instances()?;
-    let walk = nodes::walk(&document.root, settings.scene)?;
+    let walk = nodes::walk(&document.root, settings.scene, &mut warnings)?;
     let mut materials = material::read(&document.root, &mut warnings)?;
     let mut geometry = geometry::read(&document, &walk, &materials, &mut warnings)?;
     if geometry.triangles.is_empty() {

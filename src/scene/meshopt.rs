@@ -78,6 +78,26 @@ impl Meshopt<Fallback> {
 }
 
 impl Document {
+    /// Marks buffers without bytes of which every view is compressed as placeholders: not all files that have some say so.
+    pub(super) fn mark_placeholders(&mut self) {
+        // By buffer: whether it has a compressed view, and whether it has a plain one.
+        let mut views = vec![[false; 2]; self.root.buffers.len()];
+        for view in &self.root.buffer_views {
+            if let Some(of) = view.buffer.and_then(|buffer| views.get_mut(buffer)) {
+                of[usize::from(view.extensions.get().is_none())] = true;
+            }
+        }
+        let has_chunk = self.bin.is_some();
+        for (index, buffer) in self.root.buffers.iter_mut().enumerate() {
+            let empty = buffer.uri.is_none() && (index > 0 || !has_chunk);
+            if empty && views[index] == [true, false] {
+                buffer.extensions.khr = Some(Fallback { fallback: true });
+            }
+        }
+    }
+}
+
+impl Document {
     /// Decompresses all views.
     pub(super) fn decompress_views(&mut self) -> Result<(), Error> {
         let compressed: Vec<(usize, CompressedView)> = (self.root.buffer_views.iter().enumerate())

@@ -13,7 +13,7 @@
 //!
 //! Codes of warnings: `animated-node`, `bad-alpha-mode`, `bad-camera`, `bad-color`, `bad-extras`, `bad-light`,
 //! `bad-light-group`, `bad-normals`, `bad-sampler`, `bad-texcoord`, `byte-order-mark`, `dark-emitter`, `deforming-mesh`,
-//! `factor-out-of-range`, `incomplete-triangle`, `missing-texcoord`, `no-positions`, `no-triangles`, `not-triangles`,
+//! `factor-out-of-range`, `incomplete-triangle`, `missing-texcoord`, `no-positions`, `no-triangles`, `not-a-root`, `not-triangles`,
 //! `trailing-bytes`, `unsupported-extension`, `unused-rule`.
 
 mod accessor;

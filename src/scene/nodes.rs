@@ -5,13 +5,17 @@
 //!
 //! Invariants of a [`Walk`]: `worlds` has one finite, affine matrix per node of the document; `placed` lists each node
 //! of the scene once, parents before children.
+//!
+//! A listed node whose parent is not in the scene is a root: what is above it does not move it.
 
 use super::Error;
 use super::schema::Node;
 use super::schema::Root;
+use crate::base::Warning;
 use glam::DMat4;
 use glam::DQuat;
 use glam::DVec3;
+use std::collections::BTreeSet;
 
 /// One node of the scene.
 #[derive(Debug, Clone, Copy)]
@@ -32,9 +36,16 @@ pub(super) struct Walk {
 }
 
 /// Resolves the tree for scene `scene`, or the default one.
-pub(super) fn walk(root: &Root, scene: Option<usize>) -> Result<Walk, Error> {
-    let parents = parents(root)?;
-    let worlds = worlds(root, &parents)?;
+///
+/// Warning: `not-a-root`.
+pub(super) fn walk(root: &Root, scene: Option<usize>, warnings: &mut Vec<Warning>) -> Result<Walk, Error> {
+    let mut parents = parents(root)?;
+    let mut worlds = worlds(root, &parents)?;
+    let roots = roots(root, scene, &parents, warnings)?;
+    if roots.iter().any(|&node| parents[node].is_some()) {
+        roots.iter().for_each(|&node| parents[node] = None);
+        worlds = self::worlds(root, &parents)?;
+    }
     let mut moved = vec![false; root.nodes.len()];
     for channel in root.animations.iter().flat_map(|a| &a.channels) {
         if let Some(node) = channel.target.node
@@ -45,8 +56,7 @@ pub(super) fn walk(root: &Root, scene: Option<usize>) -> Result<Walk, Error> {
         }
     }
     let mut placed = Vec::new();
-    let mut stack: Vec<(usize, bool, bool)> =
-        roots(root, scene, &parents)?.into_iter().rev().map(|node| (node, true, false)).collect();
+    let mut stack: Vec<(usize, bool, bool)> = roots.into_iter().rev().map(|node| (node, true, false)).collect();
     while let Some((index, visible, animated)) = stack.pop() {
         let node = &root.nodes[index];
         let visible = visible && node.extensions.visibility.as_ref().is_none_or(|v| v.visible);
@@ -91,7 +101,7 @@ fn worlds(root: &Root, parents: &[Option<usize>]) -> Result<Vec<DMat4>, Error> {
             }
         });
         worlds[index] = Some(world.map_err(Error::invalid)?);
-        stack.extend(node.children.iter().rev());
+        stack.extend(node.children.iter().rev().filter(|&&child| parents[child] == Some(index)));
     }
     // Every node has at most one parent, so whatever no root leads to hangs on a cycle.
     worlds
@@ -132,8 +142,14 @@ fn affine(m: DMat4) -> DMat4 {
     DMat4::from_cols(x.extend(0.0), y.extend(0.0), z.extend(0.0), w.extend(1.0))
 }
 
-/// The root nodes of the chosen scene.
-fn roots(root: &Root, scene: Option<usize>, parents: &[Option<usize>]) -> Result<Vec<usize>, Error> {
+/// The root nodes of the chosen scene. Some exporters list nodes that are children: those below another listed one are
+/// there already; others are taken without what is above them, which is what viewers show that walk down from the list.
+fn roots(
+    root: &Root,
+    scene: Option<usize>,
+    parents: &[Option<usize>],
+    warnings: &mut Vec<Warning>,
+) -> Result<Vec<usize>, Error> {
     let chosen = scene.or(root.scene).or(if root.scenes.is_empty() { None } else { Some(0) });
     let Some(index) = chosen else {
         return Ok((0..root.nodes.len()).filter(|&n| parents[n].is_none()).collect());
@@ -142,20 +158,34 @@ fn roots(root: &Root, scene: Option<usize>, parents: &[Option<usize>]) -> Result
         let have = root.scenes.len();
         return Err(Error::invalid(format!("scene {index} does not exist, the document has {have} (counted from 0)")));
     };
-    let mut seen = std::collections::BTreeSet::new();
+    let mut seen = BTreeSet::new();
     for &node in &entry.nodes {
-        match parents.get(node) {
-            None => return Err(Error::invalid(format!("scene {index} refers to node {node}, which does not exist"))),
-            Some(Some(parent)) => {
-                return Err(Error::invalid(format!(
-                    "scene {index} lists node {node}, which is a child of node {parent}; only root nodes may be listed"
-                )));
-            }
-            Some(None) if !seen.insert(node) => {
-                return Err(Error::invalid(format!("scene {index} lists node {node} twice")));
-            }
-            Some(None) => {}
+        if node >= parents.len() {
+            return Err(Error::invalid(format!("scene {index} refers to node {node}, which does not exist")));
+        }
+        if !seen.insert(node) {
+            return Err(Error::invalid(format!("scene {index} lists node {node} twice")));
         }
     }
-    Ok(entry.nodes.clone())
+    let covered = covered(root, parents, &seen);
+    for &node in &entry.nodes {
+        let Some(parent) = parents[node] else { continue };
+        let how = if covered[node] { "it was taken once, as the child" } else { "it was taken without its parent" };
+        let what = format!("scene {index} lists node {node}, a child of node {parent}, as a root; {how}");
+        warnings.push(Warning::new("not-a-root", what));
+    }
+    Ok(entry.nodes.iter().copied().filter(|&node| !covered[node]).collect())
+}
+
+/// By node: whether one above it is listed. `parents` form trees.
+fn covered(root: &Root, parents: &[Option<usize>], listed: &BTreeSet<usize>) -> Vec<bool> {
+    let mut covered = vec![false; root.nodes.len()];
+    let mut stack: Vec<(usize, bool)> =
+        (0..root.nodes.len()).filter(|&n| parents[n].is_none()).map(|n| (n, false)).collect();
+    while let Some((node, below)) = stack.pop() {
+        covered[node] = below;
+        let below = below || listed.contains(&node);
+        stack.extend(root.nodes[node].children.iter().map(|&child| (child, below)));
+    }
+    covered
 }

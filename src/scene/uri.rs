@@ -10,6 +10,9 @@ use std::io::Read;
 use std::path::Path;
 use std::path::PathBuf;
 
+/// Most bytes of a URI that is no `data:` URI; paths end at 4096 bytes on Linux, and every byte may be written as three.
+const LONGEST: usize = 3 * 4096;
+
 /// Where the bytes are.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Resource {
@@ -26,6 +29,9 @@ pub(super) fn resolve(uri: &str) -> Result<Resource, String> {
     }
     if uri.get(..5).is_some_and(|scheme| scheme.eq_ignore_ascii_case("data:")) {
         return data(&uri[5..]).map(Resource::Data);
+    }
+    if uri.len() > LONGEST {
+        return Err(format!("has {} bytes; no file has such a name", uri.len()));
     }
     let shown: String = uri.chars().take(80).collect();
     if let Some((scheme, _)) = uri.split_once(':')

@@ -48,6 +48,8 @@ pub(crate) fn cases() -> Vec<Case> {
     cases.extend(instances());
     cases.extend(materials());
     cases.extend(images());
+    cases.extend(names());
+    cases.extend(spellings());
     cases
 }
 
@@ -480,6 +482,57 @@ fn images() -> Vec<Case> {
             data(&resized(16_384, 16_384)),
         ),
         triangle("JPEG of a header alone", Invalid, &["image 0", "Wood"], data(&[0xff, 0xd8, 0xff, 0xe0, 0, 16])),
+    ]
+}
+
+/// References that lead out of the document's folder, or nowhere.
+fn names() -> Vec<Case> {
+    let uri = |uri: String| move |b: &mut Builder| b.json["buffers"][0]["uri"] = json!(uri);
+    let image = |uri: &'static str| {
+        move |b: &mut Builder| {
+            b.push("images", json!({"uri": uri}));
+            b.push("textures", json!({"source": 0}));
+            b.push("materials", json!({"name": "Wood", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}));
+            b.set("/meshes/0/primitives/0/material", json!(0));
+        }
+    };
+    vec![
+        triangle("far above the root", Invalid, &["buffer 0"], uri("../".repeat(99) + "gone/a.bin")),
+        triangle("a path with a NUL", Invalid, &["buffer 0", "absolute"], uri("a%00.bin".to_owned())),
+        triangle("a drive of Windows", Invalid, &["buffer 0", "absolute"], uri("C:\\a.bin".to_owned())),
+        triangle("a share of Windows", Invalid, &["buffer 0", "absolute"], uri("\\\\server\\a.bin".to_owned())),
+        triangle("a URI of a megabyte", Invalid, &["buffer 0", "1048576 bytes"], uri("a".repeat(1 << 20))),
+        triangle("a URI that is empty", Invalid, &["buffer 0", "empty"], uri(String::new())),
+        triangle("a data URI without a comma", Invalid, &["buffer 0", "comma"], uri("data:".to_owned())),
+        triangle(
+            "an image far above the root",
+            Invalid,
+            &["image 0", "Wood"],
+            image("../../../../../../../../gone.png"),
+        ),
+        triangle("an image by script", Invalid, &["image 0", "absolute"], image("javascript:alert(1)")),
+        triangle("an image that is its document", Invalid, &["image 0", "neither PNG"], image("a.gltf")),
+    ]
+}
+
+/// Text that some readers accept.
+fn spellings() -> Vec<Case> {
+    let text = |text: &str| format!("{{\"asset\": {{\"version\": \"2.0\"}}, {text}}}").into_bytes();
+    let refused = |name, text: Vec<u8>, words| bytes(name, text, Invalid, words);
+    vec![
+        refused("a number beyond all", text("\"scene\": 1e999"), &["not valid glTF"]),
+        refused("NaN", text("\"scene\": NaN"), &["not valid glTF"]),
+        refused("half of a letter", text("\"extensionsUsed\": [\"\\ud800\"]"), &["not valid glTF"]),
+        refused("a comma too many", text("\"nodes\": [],"), &["not valid glTF"]),
+        refused("a comment", text("// nodes\n\"nodes\": []"), &["not valid glTF"]),
+        refused("a list twice", text("\"nodes\": [], \"nodes\": []"), &["duplicate"]),
+        refused("two documents", b"{\"asset\": {\"version\": \"2.0\"}} {}".to_vec(), &["not valid glTF"]),
+        refused("UTF-16", "{\"asset\": 1}".encode_utf16().flat_map(u16::to_le_bytes).collect(), &["glTF"]),
+        triangle("8,192 textures that are missing", Invalid, &["texture"], |b| {
+            b.json["materials"] =
+                (0..8192).map(|k| json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": k + 9}}})).collect();
+            b.set("/meshes/0/primitives/0/material", json!(8191));
+        }),
     ]
 }
 

@@ -1,0 +1,173 @@
+//! What a bake leaves on the disk when the disk refuses, or somebody stops it: what was there, or what is new, whole.
+#![cfg(unix)]
+#![allow(clippy::unwrap_used, clippy::print_stderr, reason = "tests")]
+
+#[path = "support/mutate.rs"]
+#[allow(dead_code, reason = "only its random numbers are used")]
+mod mutate;
+
+use mutate::Random;
+use std::collections::BTreeMap;
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::{Duration, Instant};
+
+const PROGRAM: &str = env!("CARGO_BIN_EXE_texelwalk");
+/// What a bake of it takes at most, however busy the machine is.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// Bytes by name.
+type Files = BTreeMap<String, Vec<u8>>;
+
+/// A bake of cornell in `folder`, as the words of a shell command after `prefix`.
+fn bake(prefix: &str, folder: &Path, seed: u32) -> Command {
+    let input = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/cornell/cornell.gltf");
+    let script = format!(
+        "{prefix} exec \"{PROGRAM}\" bake \"$IN\" -o \"$OUT/out.glb\" --preset preview --texels-per-meter 4 --seed {seed} \
+         --aov direct --format exr,hdr,png -q"
+    );
+    let mut command = Command::new("sh");
+    command.arg("-c").arg(script).env("IN", input).env("OUT", folder).stdin(Stdio::null()).stderr(Stdio::piped());
+    command
+}
+
+fn files(folder: &Path) -> Files {
+    let entries = fs::read_dir(folder).unwrap().map(|e| e.unwrap().path());
+    entries.map(|p| (p.file_name().unwrap().to_string_lossy().into_owned(), fs::read(p).unwrap())).collect()
+}
+
+/// Outputs of seed 1 in a new folder, and what those of seed 2 are.
+fn old_and_new() -> (tempfile::TempDir, Files, Files) {
+    let [old, new] = [1, 2].map(|seed| {
+        let folder = tempfile::tempdir().unwrap();
+        assert!(bake("", folder.path(), seed).status().unwrap().success());
+        folder
+    });
+    let [a, b] = [files(old.path()), files(new.path())];
+    assert!(a.len() >= 5 && a.keys().eq(b.keys()) && a["out.lightmap0.exr"] != b["out.lightmap0.exr"]);
+    (old, a, b)
+}
+
+fn wait(mut child: Child) -> ExitStatus {
+    let start = Instant::now();
+    loop {
+        if let Some(status) = child.try_wait().unwrap() {
+            return status;
+        }
+        assert!(start.elapsed() < PATIENCE, "it does not end");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+#[test]
+fn a_disk_that_is_full_is_code_4_and_leaves_what_was_there() {
+    let (folder, old, _) = old_and_new();
+    // A limit on the size of files is what a full disk looks like to a program that ignores the signal.
+    for blocks in [0, 2, 8] {
+        let out = bake(&format!("trap '' XFSZ; ulimit -f {blocks};"), folder.path(), 2).output().unwrap();
+        let said = String::from_utf8_lossy(&out.stderr).into_owned();
+        assert_eq!(out.status.code(), Some(4), "{blocks} blocks: {said}");
+        assert_eq!(said.lines().count(), 1, "{said}");
+        assert!(said.contains("out") && said.contains("File too large"), "{said}");
+        assert!(files(folder.path()) == old, "{blocks} blocks: {:?}", files(folder.path()).keys());
+    }
+}
+
+#[test]
+fn folders_that_cannot_be_written_to_are_code_4() {
+    let folder = tempfile::tempdir().unwrap();
+    let locked = folder.path().join("locked");
+    fs::create_dir(&locked).unwrap();
+    fs::set_permissions(&locked, fs::Permissions::from_mode(0o555)).unwrap();
+    // Nobody can make files in /proc, not even those who may write everywhere.
+    let mut places = vec![Path::new("/proc").to_path_buf(), Path::new("/proc/new").to_path_buf()];
+    let everywhere = fs::write(locked.join("probe"), "x").is_ok();
+    if !everywhere {
+        places.extend([locked.clone(), locked.join("new")]);
+    }
+    for place in places {
+        let out = bake("", &place, 1).output().unwrap();
+        let said = String::from_utf8_lossy(&out.stderr).into_owned();
+        assert_eq!(out.status.code(), Some(4), "{}: {said}", place.display());
+        assert_eq!(said.lines().count(), 1, "{said}");
+        assert!(said.contains(&*place.to_string_lossy()), "{said}");
+    }
+    assert_eq!(files(&locked).len(), usize::from(everywhere));
+}
+
+/// What a folder holds after a bake ended so, or what is wrong with it.
+type Judge<'a> = &'a dyn Fn(&Path, ExitStatus) -> Result<&'static str, String>;
+
+/// Stops a bake at moments spread over its time, each time in a folder with the old files.
+fn stopped_at_moments(signal: &str, moments: u64, old: &Files, judge: Judge<'_>) {
+    let folder = tempfile::tempdir().unwrap();
+    let start = Instant::now();
+    assert!(bake("", folder.path(), 2).status().unwrap().success());
+    let whole = start.elapsed().as_secs_f64();
+    let mut seen: BTreeMap<&str, u32> = BTreeMap::new();
+    for moment in 0..moments {
+        put_back(folder.path(), old);
+        let child = bake("", folder.path(), 2).spawn().unwrap();
+        // Half of them near the end, where files are written.
+        let part = Random::new(signal, 1, moment).below(1000) as f64 / 1000.0;
+        let part = if moment % 2 == 0 { part } else { 0.9 + 0.2 * part };
+        std::thread::sleep(Duration::from_secs_f64(whole * part));
+        let _ = Command::new("kill").args([signal, &child.id().to_string()]).stderr(Stdio::null()).status();
+        let status = wait(child);
+        let found =
+            judge(folder.path(), status).unwrap_or_else(|e| panic!("{signal} at {part:.3} of {whole:.2} s: {e}"));
+        *seen.entry(found).or_default() += 1;
+    }
+    eprintln!("{signal}: {seen:?}");
+    assert!(seen.len() > 1, "all moments were alike: {seen:?}");
+}
+
+#[test]
+#[ignore = "slow: 50 bakes"]
+fn a_kill_at_any_moment_leaves_whole_files() {
+    let (_folder, old, new) = old_and_new();
+    stopped_at_moments("-KILL", 50, &old, &|folder, _| {
+        let mut after = files(folder);
+        after.retain(|name, _| !(name.starts_with(".texelwalk-") && name.ends_with(".tmp")));
+        for (name, bytes) in &after {
+            if *bytes != old[name] && *bytes != new[name] {
+                return Err(format!("{name} is neither the old nor the new one"));
+            }
+        }
+        if !after.keys().eq(old.keys()) {
+            return Err(format!("files are missing: {:?}", after.keys()));
+        }
+        let found = if after == new {
+            "new"
+        } else if after == old {
+            "old"
+        } else {
+            "some new"
+        };
+        Ok(found)
+    });
+}
+
+#[test]
+#[ignore = "slow: 20 bakes"]
+fn an_interrupt_at_any_moment_leaves_all_old_or_all_new() {
+    let (_folder, old, new) = old_and_new();
+    stopped_at_moments("-INT", 20, &old, &|folder, status| {
+        let after = files(folder);
+        let found = match status.code() {
+            Some(130) if after == old => "old",
+            Some(0) if after == new => "new",
+            // Before the program listens, the signal ends it as it ends any.
+            None if after == old => "old",
+            code => return Err(format!("exit code {code:?}, files {:?}", after.keys())),
+        };
+        Ok(found)
+    });
+}
+
+fn put_back(folder: &Path, what: &Files) {
+    fs::read_dir(folder).unwrap().for_each(|e| fs::remove_file(e.unwrap().path()).unwrap());
+    what.iter().for_each(|(name, bytes)| fs::write(folder.join(name), bytes).unwrap());
+}

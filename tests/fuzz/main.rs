@@ -1,0 +1,141 @@
+//! Readers fed with what nobody meant to write: no panic, no hang, no memory out of proportion, and what is accepted is
+//! sound. A stable-Rust equivalent of coverage-blind fuzzing.
+//!
+//! Inputs are small valid files (`samples`), changed at random (`support/mutate.rs`); `targets` are the readers. An execution
+//! is named by target, seed and number, and can be run again by these: the same on every machine.
+//!
+//! `cargo test --test fuzz` runs [`QUICK`] executions, `-- --ignored` [`LONG`]. By hand, with any number and seed:
+//!
+//! ```sh
+//! FUZZ_EXECUTIONS=1000000 FUZZ_SEED=7 cargo test --release --locked --test fuzz -- --ignored --nocapture
+//! ```
+
+#![allow(clippy::unwrap_used, clippy::print_stderr, reason = "tests")]
+
+#[path = "../support/compressed.rs"]
+mod compressed;
+#[path = "../support/gltf_builder.rs"]
+mod gltf_builder;
+#[path = "../support/mutate.rs"]
+mod mutate;
+#[path = "../support/rich.rs"]
+mod rich;
+mod samples;
+mod targets;
+mod watch;
+
+use mutate::Random;
+use samples::Samples;
+use std::panic::AssertUnwindSafe;
+use std::sync::Mutex;
+use targets::Target;
+use watch::{Cost, Counting};
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// Executions of the default run.
+const QUICK: u64 = 20_000;
+/// Executions of the ignored run.
+const LONG: u64 = 200_000;
+/// Longest that an execution may take [s]; run again, for machines that were busy.
+const PATIENCE: f64 = 2.0;
+/// Memory that any execution may take, and beyond that for each byte of its input [bytes]. Packed pictures grow by up to
+/// 1032 bytes for one, and a pixel takes 16.
+const MEMORY: (usize, usize) = (64 << 20, 4096);
+/// Findings after which a run ends.
+const ENOUGH: usize = 20;
+
+/// One campaign at a time: memory is counted for the whole process.
+static ALONE: Mutex<()> = Mutex::new(());
+
+/// What the last panic said, on whatever thread.
+static PANIC: Mutex<String> = Mutex::new(String::new());
+
+#[derive(Default)]
+struct Tally {
+    executions: u64,
+    accepted: u64,
+    slowest: f64,
+    /// Most memory of one execution [bytes].
+    memory: usize,
+}
+
+/// Runs an execution; what became of it, its cost, and the message if it panicked.
+fn execute(target: &Target, samples: &Samples, seed: u64, number: u64) -> (Result<targets::Outcome, String>, Cost) {
+    let name = || format!("{} seed {seed} number {number}", target.name);
+    watch::watched(name, || {
+        let mut random = Random::new(target.name, seed, number);
+        let result = std::panic::catch_unwind(AssertUnwindSafe(|| (target.run)(samples, &mut random)));
+        result.map_err(|_| PANIC.lock().unwrap().clone())
+    })
+}
+
+fn judge(target: &Target, samples: &Samples, seed: u64, number: u64, tally: &mut Tally) -> Option<String> {
+    let (result, mut cost) = execute(target, samples, seed, number);
+    if cost.seconds > PATIENCE {
+        cost = execute(target, samples, seed, number).1;
+    }
+    tally.executions += 1;
+    tally.slowest = tally.slowest.max(cost.seconds);
+    tally.memory = tally.memory.max(cost.memory);
+    let place = format!("{} seed {seed} number {number}", target.name);
+    let outcome = match result {
+        Ok(outcome) => outcome,
+        Err(message) => return Some(format!("{place}: {message}")),
+    };
+    tally.accepted += u64::from(outcome.accepted);
+    let most = MEMORY.0 + MEMORY.1 * outcome.bytes;
+    if cost.memory > most {
+        return Some(format!("{place}: {} MiB for {} bytes", cost.memory >> 20, outcome.bytes));
+    }
+    (cost.seconds > PATIENCE).then(|| format!("{place}: took {:.1} s", cost.seconds))
+}
+
+/// Runs about this many executions over all targets.
+fn campaign(seed: u64, executions: u64) {
+    let _alone = ALONE.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+    watch::start_watchdog();
+    let usual = std::panic::take_hook();
+    std::panic::set_hook(Box::new(|info| *PANIC.lock().unwrap() = info.to_string()));
+    let samples = Samples::new();
+    let mut findings = vec![];
+    for target in &targets::ALL {
+        let mut tally = Tally::default();
+        for number in 0..executions * target.share / 1000 {
+            findings.extend(judge(target, &samples, seed, number, &mut tally));
+            if findings.len() >= ENOUGH {
+                break;
+            }
+        }
+        eprintln!(
+            "{:14} {:8} executions, {:5.1} % accepted, slowest {:.2} s, most memory {} MiB",
+            target.name,
+            tally.executions,
+            100.0 * tally.accepted as f64 / tally.executions.max(1) as f64,
+            tally.slowest,
+            tally.memory >> 20
+        );
+        let share = tally.accepted as f64 / tally.executions.max(1) as f64;
+        if !(0.01..=0.99).contains(&share) {
+            findings.push(format!("{}: {share} of its inputs are accepted; it tests only one side", target.name));
+        }
+    }
+    std::panic::set_hook(usual);
+    assert!(findings.is_empty(), "{} findings:\n{}", findings.len(), findings.join("\n"));
+}
+
+#[test]
+fn nothing_panics_hangs_or_takes_memory_out_of_proportion() {
+    campaign(1, QUICK);
+}
+
+#[test]
+#[ignore = "slow: a minute; more by FUZZ_EXECUTIONS and FUZZ_SEED"]
+fn nothing_does_so_in_a_long_run() {
+    let number = |name: &str, otherwise: u64| {
+        std::env::var(name)
+            .map_or(otherwise, |text| text.parse().unwrap_or_else(|_| panic!("{name} is no number: {text}")))
+    };
+    campaign(number("FUZZ_SEED", 2), number("FUZZ_EXECUTIONS", LONG));
+}
