@@ -188,12 +188,13 @@ pub(crate) fn check(typed: &cli::Check) -> Outcome {
     let baked = Baked::load(&typed.input, typed.scene).map_err(failed)?;
     let settings = check::Settings { limits: typed.limits.iter().copied().collect(), padding: typed.padding };
     let report = check::check(&baked, &settings).map_err(failed)?;
-    let on_stdout = typed.json.as_deref() == Some(Path::new("-"));
-    let text = if on_stdout { report.to_json() } else { report.to_text() };
     let mut files = vec![];
     if let Some(folder) = &typed.pictures {
         files = check::pictures::take(&baked, &report, folder).map_err(|e| (output_exit(&e), e.to_string()))?;
     }
+    let report = report.in_document(baked.scene.offset);
+    let on_stdout = typed.json.as_deref() == Some(Path::new("-"));
+    let text = if on_stdout { report.to_json() } else { report.to_text() };
     if let Some(path) = typed.json.as_ref().filter(|_| !on_stdout) {
         files.push((path.clone(), report.to_json().into_bytes()));
     }

@@ -80,6 +80,7 @@ pub(super) fn layers(
 
 fn layer(aov: Aov, setup: &Setup<'_>, solution: &Solution) -> Layer {
     let Setup { patches, .. } = *setup;
+    let offset = setup.tracer.scene().offset;
     let halves = &solution.halves;
     let with_sky = |values: Vec<Rgb>, times: f32| parallel::map(values.len(), |i| values[i] + halves.sky[i] * times);
     let light = |name, kind, channels, values| Layer { name, channels, values, kind };
@@ -95,7 +96,7 @@ fn layer(aov: Aov, setup: &Setup<'_>, solution: &Solution) -> Layer {
         Aov::Indirect => light("indirect", Kind::Stitched, COLOR, with_sky(mean(&halves.indirect), -1.0)),
         Aov::Albedo => surface("albedo", COLOR, &|i| patches.reflectance[i]),
         Aov::Normal => surface("normal", VECTOR, &|i| patches.normal[i]),
-        Aov::Position => surface("position", VECTOR, &|i| patches.position[i]),
+        Aov::Position => surface("position", VECTOR, &|i| (patches.position[i].as_dvec3() + offset).as_vec3()),
         Aov::Chart => surface("chart", NUMBER, &|i| Rgb::splat((patches.chart(i) + 1) as f32)),
         Aov::Density => surface("density", NUMBER, &|i| Rgb::splat(1.0 / patches.texel_edge(i))),
         Aov::Ao => light("ao", Kind::Spread, NUMBER, open(setup, |o| Rgb::splat(o.share))),

@@ -46,7 +46,8 @@ pub(super) fn warnings(
 fn warning(node: &str, look: &Look<'_>, pairs: &[Pair], cut_contacts: bool) -> Warning {
     let brightness = |p: &Pair| look.light[p.0].max_element();
     let worst = pairs.iter().fold(pairs[0], |worst, p| if brightness(p) > brightness(&worst) { *p } else { worst });
-    let [x, y, z] = look.patches.position[worst.1].to_array();
+    let place = look.patches.position[worst.1].as_dvec3() + look.tracer.scene().offset;
+    let [x, y, z] = place.to_array();
     let advice = if cut_contacts { "" } else { "--cut-contacts, " };
     let message = format!(
         "something thinner than two texels parts light from dark, so light leaks in {} places, first of all at ({x:.2}, \

@@ -13,6 +13,7 @@ use crate::seams::Steps;
 use crate::settings::{Quantity, Settings, VertexAttribute};
 use crate::trace::Tracer;
 use crate::vertices::{Fit, VertexLight};
+use glam::DVec3;
 use std::path::PathBuf;
 
 /// Name and version that outputs carry.
@@ -244,7 +245,7 @@ impl Facts<'_> {
             },
             error: report::EstimatedError { estimated_nrmse: solution.estimated_nrmse(patches) },
             refinement: solution.refinement.clone(),
-            seams: seams(&results.steps),
+            seams: seams(&results.steps, scene.offset),
             light_groups: self.group_files(results),
             directional: self.directional_files(results),
             vertices: results.vertices.as_ref().map(|light| vertices(&light.fit)),
@@ -278,13 +279,13 @@ fn gltf_settings(settings: &Settings, output: PathBuf) -> gltf::Settings {
     gltf::Settings { quantity: quantity(settings.quantity), output, generator: GENERATOR.to_owned() }
 }
 
-fn seams([before, after]: &[Steps; 2]) -> report::Seams {
+fn seams([before, after]: &[Steps; 2], offset: DVec3) -> report::Seams {
     report::Seams {
         points: after.points,
         step_before: before.p999,
         step: after.p999,
         worst: after.worst,
-        worst_at: after.place.to_array(),
+        worst_at: (after.place.as_dvec3() + offset).as_vec3().to_array(),
     }
 }
 

@@ -36,6 +36,7 @@ use crate::output;
 use crate::render::Lightmaps;
 use crate::scene::{self, Scene};
 use crate::trace::Tracer;
+use glam::{DVec3, Vec3};
 use std::collections::BTreeMap;
 use std::path::Path;
 use subject::Subject;
@@ -135,6 +136,15 @@ pub struct Report {
 }
 
 impl Report {
+    /// The same with all places moved by the offset of the scene: where they are in the document [m].
+    #[must_use]
+    pub fn in_document(mut self, offset: DVec3) -> Self {
+        for place in self.measures.iter_mut().flat_map(|m| &mut m.places) {
+            place.position = (Vec3::from(place.position).as_dvec3() + offset).as_vec3().to_array();
+        }
+        self
+    }
+
     /// A measure of the report; `None` if pages could not be read.
     #[must_use]
     pub fn measure(&self, kind: Kind) -> Option<&Measure> {

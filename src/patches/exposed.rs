@@ -22,7 +22,7 @@ use glam::{DVec2, Vec2, Vec3};
 const PROBES: u32 = 8;
 /// Hits on backs that make a point hidden; one may go astray through a crack.
 const HIDDEN_HITS: u32 = 7;
-/// Rays that meet a back first in any solid, whatever goes through it.
+/// Rays that meet a back first in any solid, whatever goes through it; rays of so many must say that it is one.
 const LEAST_BACKS: u32 = 3;
 /// Height of the short rays that look for things standing on a texel, in texel edges: higher misses skirting boards,
 /// lower meets the surface itself where it is curved.
@@ -249,31 +249,42 @@ fn is_hidden(tracer: &Tracer<'_>, point: SurfacePoint, about: About) -> bool {
     is_sealed(tracer, point, about) || is_inside(tracer, point)
 }
 
-/// The point lies in a solid. Rays inside one may first meet the front of another that goes through it: then all that
-/// they meet is counted.
+/// The point lies in a solid. Rays inside one may first meet the front of another that goes through it, or of a floor
+/// that it stands on: then all that they meet is looked at, and rays that say nothing do not count.
 fn is_inside(tracer: &Tracer<'_>, point: SurfacePoint) -> bool {
     let scene = tracer.scene();
     let ground = Ground::new(scene.corners(point.triangle));
     let frame = Frame::from_normal(ground.normal());
     // The inside of a glass or a lampshade is no solid.
     let solid = |m: &Material| !m.is_two_sided() && m.transmission == 0.0;
-    let mut fronts = vec![];
-    for k in 0..PROBES {
+    let ray = |k: u32| {
         let u = Vec2::new((k as f32 + 0.5) / PROBES as f32, (k as f32 * 0.618_034 + 0.3).fract());
         let direction = frame.to_world(warp::square_to_cosine_hemisphere(u));
-        let origin = tracer.leave(&ground, point.b, direction);
-        let ray = Ray { origin, direction, t_max: f32::INFINITY };
-        match tracer.closest_hit(&ray) {
-            Some(hit) if !hit.front && solid(scene.material(hit.triangle)) => {}
-            // Nothing closes the way out.
-            None => fronts.push(None),
-            Some(_) => fronts.push(Some(ray)),
+        Ray { origin: tracer.leave(&ground, point.b, direction), direction, t_max: f32::INFINITY }
+    };
+    let (mut backs, mut misses) = (0, 0);
+    for k in 0..PROBES {
+        match tracer.closest_hit(&ray(k)) {
+            Some(hit) if !hit.front && solid(scene.material(hit.triangle)) => backs += 1,
+            _ => misses += 1,
         }
-        if fronts.len() > (PROBES - LEAST_BACKS) as usize {
+        if misses > PROBES - LEAST_BACKS {
             return false;
         }
     }
-    let misses = (PROBES - HIDDEN_HITS) as usize;
-    let out = |ray: &Option<Ray>| ray.is_none_or(|ray| !tracer.leaves_solid(&ray));
-    fronts.len() <= misses || fronts.iter().filter(|ray| out(ray)).take(misses + 1).count() <= misses
+    if backs >= HIDDEN_HITS {
+        return true;
+    }
+    let (mut leave, mut stay) = (0, 0);
+    for k in 0..PROBES {
+        match tracer.leaves_solid(&ray(k)) {
+            Some(true) => leave += 1,
+            Some(false) => stay += 1,
+            None => {}
+        }
+        if stay > PROBES - HIDDEN_HITS {
+            return false;
+        }
+    }
+    leave >= LEAST_BACKS
 }

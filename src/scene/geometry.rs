@@ -6,6 +6,7 @@
 //! * Normals are transformed by the cofactor matrix, which is det · (inverse transpose) and stays right where a scale
 //!   is zero; its sign is corrected under mirroring. Normals that are missing, zero or not finite become the average of
 //!   the triangles around, weighted by area.
+//! * A scene that is far from the world's origin is moved there, lights, cameras and joints with it (the [`Walk`]).
 //! * Sizes are added up before anything is allocated, see [`MAX_ELEMENTS`].
 
 use super::Document;
@@ -25,6 +26,7 @@ use crate::base::Warning;
 use crate::base::parallel;
 use glam::DMat3;
 use glam::DMat4;
+use glam::DVec3;
 use glam::Vec2;
 use glam::Vec3;
 use glam::Vec4;
@@ -37,6 +39,10 @@ const MAX_ELEMENTS: usize = 1 << 27;
 /// Largest coordinate [m]. Beyond it neighbouring floats are a metre apart, and every ray test fails.
 const MAX_COORDINATE: f32 = 1e7;
 
+/// Distance from the world's origin [m] from which on a scene is moved there. Nearer, f32 resolves a quarter of a
+/// millimetre; and what lies beyond [`MAX_COORDINATE`] stays, to be refused.
+const FAR: f64 = 4096.0;
+
 /// All surfaces of a scene.
 #[derive(Debug, Default)]
 pub(super) struct Geometry {
@@ -44,6 +50,8 @@ pub(super) struct Geometry {
     pub(super) triangles: Vec<[u32; 3]>,
     pub(super) triangle_part: Vec<u32>,
     pub(super) parts: Vec<Part>,
+    /// What was taken off all positions [m].
+    pub(super) offset: DVec3,
 }
 
 /// Indices of a mesh and of a primitive in it.
@@ -72,7 +80,7 @@ struct PlacedPart {
 /// `materials` ends with the default material.
 pub(super) fn read(
     document: &Document,
-    walk: &Walk,
+    walk: &mut Walk,
     materials: &[Material],
     warnings: &mut Vec<Warning>,
 ) -> Result<Geometry, Error> {
@@ -85,6 +93,8 @@ pub(super) fn read(
         warnings.append(&mut local.warnings);
         locals.push(local);
     }
+    let offset = offset(&plans, &locals, walk);
+    walk.move_by(-offset);
     let joints = document.root.skins.iter().enumerate().map(|(skin, _)| {
         let used = plans.iter().any(|p| document.root.nodes[p.placed.node].skin == Some(skin));
         if used { pose::joints(document, &walk.worlds, skin) } else { Ok(Vec::new()) }
@@ -93,7 +103,7 @@ pub(super) fn read(
     let placed = parallel::map(plans.len(), |i| {
         place(document, &plans[i], &locals[plans[i].source], walk.worlds[plans[i].placed.node], &joints)
     });
-    let mut geometry = Geometry::default();
+    let mut geometry = Geometry { offset, ..Geometry::default() };
     geometry.vertices.uv = vec![Vec::new(); uv_sets.len()];
     for (plan, part) in plans.iter().zip(placed) {
         let mut part = part?;
@@ -101,6 +111,18 @@ pub(super) fn read(
         geometry.push(document, plan, &locals[plan.source], part, materials, warnings);
     }
     Ok(geometry)
+}
+
+/// About the middle of what lies far away, in whole metres: the mean of the first vertices of all parts.
+fn offset(plans: &[Plan], locals: &[LocalPrimitive], walk: &Walk) -> DVec3 {
+    let first = |plan: &Plan| {
+        let vertex = locals[plan.source].position.first()?;
+        Some(walk.worlds[plan.placed.node].transform_point3(vertex.as_dvec3()))
+    };
+    let (sum, count) = plans.iter().filter_map(first).fold((DVec3::ZERO, 0.0), |(s, n), p| (s + p, n + 1.0));
+    let middle = (sum / f64::max(count, 1.0)).round();
+    let size = middle.abs().max_element();
+    if size > FAR && size <= f64::from(MAX_COORDINATE) { middle } else { DVec3::ZERO }
 }
 
 /// The parts and the distinct primitives behind them, with all sizes checked.
@@ -265,13 +287,13 @@ fn cofactor(m: DMat4) -> DMat3 {
 
 /// Area-weighted average normal of the triangles around each vertex; +y where there is none.
 fn averages(position: &[Vec3], triangles: &[[u32; 3]]) -> Vec<Vec3> {
-    let mut sums = vec![glam::DVec3::ZERO; position.len()];
+    let mut sums = vec![DVec3::ZERO; position.len()];
     for t in triangles {
         let [a, b, c] = t.map(|v| position[v as usize].as_dvec3());
         let n = (b - a).cross(c - a);
         t.iter().for_each(|&v| sums[v as usize] += n);
     }
-    sums.into_iter().map(|n| n.try_normalize().unwrap_or(glam::DVec3::Y).as_vec3()).collect()
+    sums.into_iter().map(|n| n.try_normalize().unwrap_or(DVec3::Y).as_vec3()).collect()
 }
 
 impl Geometry {

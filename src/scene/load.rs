@@ -58,9 +58,9 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
     document.decompress_views()?;
     document.decompress_primitives()?;
     document.expand_instances()?;
-    let walk = nodes::walk(&document.root, settings.scene, &mut warnings)?;
+    let mut walk = nodes::walk(&document.root, settings.scene, &mut warnings)?;
     let mut materials = material::read(&document.root, &mut warnings)?;
-    let mut geometry = geometry::read(&document, &walk, &materials, &mut warnings)?;
+    let mut geometry = geometry::read(&document, &mut walk, &materials, &mut warnings)?;
     if geometry.triangles.is_empty() {
         return Err(Error::invalid("nothing to bake: the scene has no visible triangles"));
     }
@@ -94,6 +94,7 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         sky: settings.sky,
         environment: None,
         cameras,
+        offset: geometry.offset,
         cuts: super::Cuts::default(),
     };
     warnings.iter_mut().for_each(|w| w.message = error::one_line(&w.message));

@@ -60,7 +60,7 @@ pub use rules::{Glob, Rule, Treatment};
 pub use texture::{Texture, Wrap};
 
 use core::ops::Range;
-use glam::{Mat4, Vec2, Vec3, Vec4};
+use glam::{DVec3, Mat4, Vec2, Vec3, Vec4};
 
 /// Everything that is baked or stands in the light, in world space.
 #[derive(Debug, Default)]
@@ -89,6 +89,9 @@ pub struct Scene {
     pub environment: Option<Environment>,
     /// Cameras in world space.
     pub cameras: Vec<Camera>,
+    /// Where the origin of all these coordinates lies in the document's world [m]: zero but for scenes that are far from
+    /// there, so that f32 keeps what matters.
+    pub offset: DVec3,
     /// How it differs from the document: triangles that were cut after reading it.
     pub cuts: Cuts,
 }

@@ -67,6 +67,15 @@ pub(super) fn walk(root: &Root, scene: Option<usize>, warnings: &mut Vec<Warning
     Ok(Walk { worlds, placed })
 }
 
+impl Walk {
+    /// Moves the whole world [m].
+    pub(super) fn move_by(&mut self, by: DVec3) {
+        if by != DVec3::ZERO {
+            self.worlds.iter_mut().for_each(|world| world.w_axis += by.extend(0.0));
+        }
+    }
+}
+
 /// The parent of each node; refuses missing nodes and second parents.
 fn parents(root: &Root) -> Result<Vec<Option<usize>>, Error> {
     let mut parents = vec![None; root.nodes.len()];

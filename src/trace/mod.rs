@@ -2,8 +2,9 @@
 //!
 //! `build` makes a hierarchy of eight boxes per node (cut by `split`), `traverse` walks it with a `stack`, `triangle`
 //! decides watertightly what is met, `origin` finds starts of rays that never meet the surface they leave, `lift` those
-//! of rays that graze a smooth body made of facets, `tint` what coloured glass does to light. `lanes` are the eight-fold numbers of all that, `machine` has their
-//! AVX2 kind, chosen once per [`Tracer`].
+//! of rays that graze a smooth body made of facets. `crossings` are all that a ray crosses: `tint` knows from them what
+//! glass does to light, `solid` what the ray began in. `lanes` are the eight-fold numbers of all that, `machine` has
+//! their AVX2 kind, chosen once per [`Tracer`].
 //!
 //! Invariants:
 //! * [`Tracer::closest_hit`] and [`Tracer::occluded`] accept exactly the same hits, so one is the other's existence;
@@ -17,16 +18,17 @@
 
 mod build;
 mod collapse;
+mod crossings;
 mod lanes;
 mod lift;
 mod machine;
 mod origin;
+mod solid;
 mod split;
 mod stack;
 mod tint;
 mod traverse;
 mod triangle;
-mod winding;
 mod within;
 
 pub use lift::Lift;

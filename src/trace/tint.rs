@@ -11,14 +11,6 @@
 use super::Ray;
 use super::Ray3;
 use super::Tracer;
-use super::build::Packet;
-use super::build::WIDTH;
-use super::lanes::Lanes;
-use super::lanes::Portable;
-use super::traverse::Slab;
-use super::traverse::limit;
-use super::triangle::Shear;
-use super::triangle::ShearLanes;
 use crate::base::Rgb;
 use glam::Vec2;
 
@@ -58,41 +50,11 @@ impl Tracer<'_> {
     #[cold]
     fn product(&self, ray: &Ray3, factor: impl Fn(u32, Vec2) -> Rgb) -> Rgb {
         let mut product = Rgb::ONE;
-        if !(ray.origin.is_finite() && ray.direction.is_finite() && ray.t_max > 0.0) || self.hierarchy.nodes.is_empty()
-        {
-            return product;
-        }
-        let shear = Shear::new(ray.origin, ray.direction);
-        let (slab, lanes) = (Slab::<Portable>::new(self, ray.origin, &shear), ShearLanes::<Portable>::new(&shear));
-        let most = Portable::splat(limit(ray.t_max, shear.scale()));
-        let mut open = vec![self.hierarchy.root];
-        while let Some(child) = open.pop() {
-            if let Some((packet, count)) = child.as_packet() {
-                let packet = &self.hierarchy.packets[packet];
-                let mask = lanes.filter(packet, &shear) & ((1 << count) - 1);
-                for lane in (0..count).filter(|lane| mask >> lane & 1 == 1) {
-                    if let Some((triangle, b)) = crossed(ray, &shear, packet, lane) {
-                        product *= factor(triangle, b);
-                    }
-                }
-            } else {
-                let node = &self.hierarchy.nodes[child.as_node()];
-                let mask = slab.meet(node, most).1;
-                open.extend((0..WIDTH).filter(|slot| mask >> slot & 1 == 1).map(|slot| node.children[slot]));
+        self.each_crossed(ray, |c| {
+            if c.transparent {
+                product *= factor(c.triangle, c.weights());
             }
-        }
+        });
         product
     }
-}
-
-/// A transparent triangle that the ray crosses, and where.
-fn crossed(ray: &Ray3, shear: &Shear, packet: &Packet, lane: usize) -> Option<(u32, Vec2)> {
-    let tagged = packet.triangles[lane];
-    let triangle = tagged & !Packet::TRANSPARENT;
-    if tagged == triangle {
-        return None;
-    }
-    let crossing = shear.cross(packet, lane)?;
-    let t = crossing.t() as f32;
-    (t > 0.0 && t < ray.t_max).then(|| (triangle, crossing.weights()))
 }

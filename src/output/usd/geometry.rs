@@ -16,6 +16,7 @@ use super::texture_sets;
 use super::varname;
 use crate::vertices::Origin;
 use core::ops::{Add, Mul};
+use glam::DVec3;
 use glam::Vec2;
 use glam::Vec3;
 
@@ -23,6 +24,11 @@ use glam::Vec3;
 pub(super) fn layer(bake: &Bake<'_>, images: &Images) -> Vec<u8> {
     let mut text = Text::layer(&bake.metadata("geometry and materials of a glTF"));
     text.prim("def Xform \"World\"", &[], |text| {
+        let [x, y, z] = bake.scene.offset.to_array();
+        if bake.scene.offset != DVec3::ZERO {
+            text.line(format!("double3 xformOp:translate = ({x}, {y}, {z})"));
+            text.line("uniform token[] xformOpOrder = [\"xformOp:translate\"]");
+        }
         text.prim(&format!("def Scope \"{MATERIALS}\""), &[], |text| {
             for m in 0..bake.scene.materials.len() {
                 if bake.scene.parts.iter().any(|part| part.material == m) {

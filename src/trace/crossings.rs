@@ -1,0 +1,69 @@
+//! Everything that a ray crosses, not only what it meets first.
+//!
+//! In: [`Tracer`] and [`Ray3`]. Out: a call for each triangle with 0 < t < `t_max`, in an order that depends on the
+//! hierarchy alone. The same box and triangle tests as in `traverse`, so nothing is crossed here that stops no ray there.
+
+use super::Ray3;
+use super::Tracer;
+use super::build::Packet;
+use super::build::WIDTH;
+use super::lanes::Lanes;
+use super::lanes::Portable;
+use super::traverse::Slab;
+use super::traverse::limit;
+use super::triangle::Crossing;
+use super::triangle::Shear;
+use super::triangle::ShearLanes;
+use glam::{DVec3, Vec2};
+
+/// A triangle that a ray crosses.
+pub(super) struct Crossed {
+    pub(super) triangle: u32,
+    /// Its material is not opaque.
+    pub(super) transparent: bool,
+    /// Distance in units of the ray's direction.
+    pub(super) t: f32,
+    /// The ray comes from the front side.
+    pub(super) front: bool,
+    crossing: Crossing,
+}
+
+impl Crossed {
+    /// Weights of the triangle's vertices 1 and 2.
+    pub(super) fn weights(&self) -> Vec2 {
+        self.crossing.weights()
+    }
+}
+
+impl Tracer<'_> {
+    /// Calls `visit` for all of it. Rays that are not finite, or have no direction or length, cross nothing.
+    pub(super) fn each_crossed(&self, ray: &Ray3, mut visit: impl FnMut(Crossed)) {
+        let valid = ray.origin.is_finite() && ray.direction.is_finite() && ray.t_max > 0.0;
+        if !valid || ray.direction == DVec3::ZERO || self.hierarchy.nodes.is_empty() {
+            return;
+        }
+        let shear = Shear::new(ray.origin, ray.direction);
+        let (slab, lanes) = (Slab::<Portable>::new(self, ray.origin, &shear), ShearLanes::<Portable>::new(&shear));
+        let most = Portable::splat(limit(ray.t_max, shear.scale()));
+        let mut open = vec![self.hierarchy.root];
+        while let Some(child) = open.pop() {
+            if let Some((packet, count)) = child.as_packet() {
+                let packet = &self.hierarchy.packets[packet];
+                let mask = lanes.filter(packet, &shear);
+                for lane in (0..count).filter(|lane| mask >> lane & 1 == 1) {
+                    let Some(crossing) = shear.cross(packet, lane) else { continue };
+                    let (t, tagged) = (crossing.t() as f32, packet.triangles[lane]);
+                    if t > 0.0 && t < ray.t_max {
+                        let triangle = tagged & !Packet::TRANSPARENT;
+                        let transparent = tagged != triangle;
+                        visit(Crossed { triangle, transparent, t, front: crossing.front(), crossing });
+                    }
+                }
+            } else {
+                let node = &self.hierarchy.nodes[child.as_node()];
+                let mask = slab.meet(node, most).1;
+                open.extend((0..WIDTH).filter(|slot| mask >> slot & 1 == 1).map(|slot| node.children[slot]));
+            }
+        }
+    }
+}
