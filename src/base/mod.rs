@@ -7,6 +7,7 @@
 pub mod bilinear;
 pub mod color;
 pub mod distribution;
+pub mod exr_tiles;
 pub mod frame;
 pub mod light_vector;
 pub mod low_discrepancy;

@@ -9,6 +9,7 @@
 //! of chunk offsets behind the header is moved along (OpenEXR file layout, "Components" 1 to 4).
 
 use super::Error;
+use crate::base::exr_tiles::has_sound_tiles;
 use crate::finish::Page;
 use ::exr::meta::attribute::Chromaticities;
 use ::exr::prelude as format;
@@ -209,6 +210,9 @@ pub fn read_rgba(path: &Path) -> Result<ImageF32, Error> {
     if meta.headers.iter().any(|h| h.layer_size.width().saturating_mul(h.layer_size.height()) > most) {
         return Err(Error::invalid(path, "its header claims more texels than a file of this length can hold"));
     }
+    if !meta.headers.iter().all(has_sound_tiles) {
+        return Err(Error::invalid(path, "its tiles are larger than the picture, and beyond a million texels"));
+    }
     let image = format::read()
         .no_deep_data()
         .largest_resolution_level()
@@ -290,6 +294,27 @@ mod tests {
         assert_eq!(names, ["A", "B", "G", "R"]);
         let place = |i: usize| bytes.windows(15).position(|w| w == format!("texelwalk.key{i:02}").as_bytes());
         assert!(place(10).unwrap() < place(11).unwrap());
+    }
+
+    #[test]
+    fn tiles_beyond_all_size_are_refused() {
+        use ::exr::image::write::WritableImage;
+        let image = format::Image::from_encoded_channels(
+            (24, 8),
+            format::Encoding { blocks: format::Blocks::Tiles(format::Vec2(64, 64)), ..format::Encoding::UNCOMPRESSED },
+            format::SpecificChannels::rgb(|_| (1.0f32, 2.0f32, 3.0f32)),
+        );
+        let mut bytes = vec![];
+        image.write().to_buffered(Cursor::new(&mut bytes)).unwrap();
+        // Larger than the picture, as tiles of small pictures are.
+        assert_eq!(round_trip(&bytes).pixels[100][..3], [1.0, 2.0, 3.0]);
+        let head = b"tiledesc\0\x09\0\0\0";
+        let at = bytes.windows(head.len()).position(|w| w == head).unwrap() + head.len();
+        bytes[at + 3] = 4;
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), &bytes).unwrap();
+        let refused = read_rgba(file.path()).unwrap_err().to_string();
+        assert!(refused.contains("tiles"), "{refused}");
     }
 
     #[test]

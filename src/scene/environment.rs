@@ -13,6 +13,7 @@
 //! Bounds, checked before anything is decoded: [`MAX_PIXELS`], [`PIXELS_PER_BYTE`].
 
 use super::Error;
+use crate::base::exr_tiles::has_sound_tiles;
 use crate::base::{Rgb, parallel};
 use core::f32::consts::{PI, TAU};
 use glam::{Vec2, Vec3};
@@ -154,6 +155,10 @@ fn read_exr(bytes: &[u8]) -> Result<Picture, Error> {
     let meta = exr::meta::MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(broken)?;
     for header in &meta.headers {
         check_size(header.layer_size.width() as u64, header.layer_size.height() as u64, bytes.len())?;
+        if !has_sound_tiles(header) {
+            let what = "environment map: its tiles are larger than the picture, and beyond a million texels";
+            return Err(Error::invalid(what));
+        }
     }
     let image = exr::prelude::read()
         .no_deep_data()
