@@ -27,6 +27,7 @@ const SCALES: [[f32; 3]; 3] = [[1.0, 1.0, 1.0], [0.5, 1.5, 0.5], [-1.0, 1.0, 1.0
 
 fn instanced(material: Value) -> Builder {
     let mut b = Builder::square(material);
+    (b.json["accessors"][0]["min"], b.json["accessors"][0]["max"]) = (json!([0, 0, 0]), json!([1, 1, 0]));
     let places = b.floats("VEC3", PLACES.as_flattened());
     let scales = b.floats("VEC3", SCALES.as_flattened());
     let turns = bytemuck::cast_slice(TURNS.as_flattened());
