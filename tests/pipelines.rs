@@ -237,7 +237,11 @@ fn the_corpus_runner_tells_bakes_refusals_and_faults_apart() {
     };
     let (code, table) = run(env!("CARGO_BIN_EXE_texelwalk"), "good");
     assert!(code == Some(0) && table.contains("2 baked, 1 refused, 0 with a fault"), "{table}");
-    assert!(table.contains("nothing to bake (") && table.contains("ours @ 1: 3"), "{table}");
+    assert!(
+        table.contains("nothing to bake: the scene has no visible triangles (no fault)")
+            && table.contains("ours @ 1: 3"),
+        "{table}"
+    );
     // A program that bakes nothing and panics.
     let bad = folder.join("bad.sh");
     fs::write(&bad, "#!/bin/sh\necho \"thread 'main' panicked at here\" >&2\nexit 101\n").unwrap();
