@@ -48,10 +48,8 @@ pub(super) fn turn(
         }
     }
     sums.retain(|_, [front, back]| *front < DARK * *back);
-    let turned: Vec<u32> = sums.into_keys().collect();
-    let warnings = warnings(tracer, atlas, patches, &turned);
-    patches.turn(turned);
-    Ok(warnings)
+    patches.turn(sums.into_keys().collect());
+    Ok(warnings(tracer, atlas, patches))
 }
 
 /// Mean irradiance of all patches, roughly [lx].
@@ -65,24 +63,23 @@ fn light(tracer: &Tracer<'_>, patches: &Patches, settings: &Settings, clock: &mu
     Ok(solver.roughly().into_iter().map(color::mean).collect())
 }
 
-fn warnings(tracer: &Tracer<'_>, atlas: &Atlas, patches: &Patches, turned: &[u32]) -> Vec<Warning> {
+fn warnings(tracer: &Tracer<'_>, atlas: &Atlas, patches: &Patches) -> Vec<Warning> {
     let scene = tracer.scene();
     let mut areas: BTreeMap<usize, f64> = BTreeMap::new();
     for &front in &patches.front_of {
         let chart = patches.chart(front as usize);
-        if turned.binary_search(&chart).is_ok() {
+        if patches.is_turned_chart(chart) {
             let part = &scene.parts[atlas.charts[chart as usize].part as usize];
             *areas.entry(part.node).or_default() += f64::from(patches.area[front as usize]);
         }
     }
-    let name = |node: usize| scene.parts.iter().find(|p| p.node == node).map_or("", |p| p.name.as_str());
     let warning = |(node, area)| {
         let what = format!(
             "{:.1} cm² of double-sided surface face with their front into a dark gap; the lightmap stores their back; \
              turn the faces round if that is not meant",
             1e4 * area
         );
-        Warning::new("turned-side", what).at(name(node))
+        Warning::new("turned-side", what).at(scene.node_name(node))
     };
     areas.into_iter().map(warning).collect()
 }

@@ -39,8 +39,7 @@ pub(super) fn warnings(
         let part = atlas.charts[patches.chart(pair.0) as usize].part;
         by_node.entry(scene.parts[part as usize].node).or_default().push(pair);
     }
-    let name = |node: usize| scene.parts.iter().find(|p| p.node == node).map_or("", |p| p.name.as_str());
-    by_node.into_iter().map(|(node, pairs)| warning(name(node), &look, &pairs, cut_contacts)).collect()
+    by_node.into_iter().map(|(node, pairs)| warning(scene.node_name(node), &look, &pairs, cut_contacts)).collect()
 }
 
 fn warning(node: &str, look: &Look<'_>, pairs: &[Pair], cut_contacts: bool) -> Warning {

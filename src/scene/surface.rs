@@ -59,6 +59,12 @@ impl Scene {
         bordered || self.cuts.origins_of(part).is_some()
     }
 
+    /// Name of a node that places parts; empty for others.
+    #[must_use]
+    pub fn node_name(&self, node: usize) -> &str {
+        self.parts.iter().find(|p| p.node == node).map_or("", |p| p.name.as_str())
+    }
+
     /// The part that a triangle belongs to.
     #[must_use]
     pub fn part(&self, triangle: u32) -> &Part {
