@@ -5,9 +5,9 @@ use super::Chart;
 use super::ChartedPart;
 use super::NO_CHART;
 use super::arrange::Arranged;
-use super::part_triangles;
 use crate::base::parallel;
 use crate::scene::Scene;
+use core::iter::repeat;
 use glam::Vec2;
 use std::collections::HashMap;
 
@@ -18,7 +18,7 @@ type Placed = (u32, [Vec2; 3]);
 pub(super) fn assemble(scene: &Scene, arranged: &Arranged, kept: &[bool]) -> Atlas {
     let mut charts = Vec::new();
     let mut placed: Vec<Vec<Option<Placed>>> =
-        scene.parts.iter().map(|part| vec![None; part.triangles.len()]).collect();
+        scene.parts.iter().map(|part| vec![None; if part.receives { part.triangles.len() } else { 0 }]).collect();
     let step = 1.0 / (1u32 << arranged.fraction_bits) as f32;
     for block in &arranged.blocks {
         let first = charts.len() as u32;
@@ -44,13 +44,16 @@ pub(super) fn assemble(scene: &Scene, arranged: &Arranged, kept: &[bool]) -> Atl
 fn charted_part(scene: &Scene, p: usize, placed: &[Option<Placed>], kept: bool) -> ChartedPart {
     let part = &scene.parts[p];
     let mut charted = ChartedPart { kept, ..ChartedPart::default() };
+    if scene.is_copied(p) && !part.receives {
+        return charted;
+    }
     let identity = kept || !part.receives;
     if identity {
         charted.source_vertex = (0..part.vertices.len() as u32).collect();
         charted.uv = vec![Vec2::ZERO; part.vertices.len()];
     }
     let mut index: HashMap<(u32, u32), u32> = HashMap::new();
-    for (triangle, placed) in part_triangles(scene, part).zip(placed) {
+    for (triangle, placed) in scene.part_triangles(part).zip(placed.iter().copied().chain(repeat(None))) {
         let (chart, uv) = placed.unwrap_or((NO_CHART, [Vec2::ZERO; 3]));
         let mut vertices = triangle;
         for k in 0..3 {

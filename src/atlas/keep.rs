@@ -17,7 +17,6 @@ use super::arrange::sharing;
 use super::connect;
 use super::guard::Guard;
 use super::overlap;
-use super::part_triangles;
 use super::shape::extent;
 use super::shape::fraction_bits;
 use super::shape::shape;
@@ -111,17 +110,19 @@ fn block(scene: &Scene, parts: &[usize], settings: &Settings) -> Result<Piece, S
     let (mut faces, mut corners, mut areas, mut worlds) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for p in parts {
         let part = &scene.parts[*p];
-        let first = part.vertices.start as usize;
-        let set = scene.vertices.uv.get(1).ok_or_else(|| "the set is missing".to_owned())?;
-        for (t, triangle) in part_triangles(scene, part).enumerate() {
-            let uv = triangle.map(|v| set[first + v as usize]);
+        let first = part.vertices.start;
+        for (t, triangle) in scene.part_triangles(part).enumerate() {
+            let [Some(a), Some(b), Some(c)] = triangle.map(|v| scene.vertex_uv(1, first + v)) else {
+                return Err("the set is missing".to_owned());
+            };
+            let uv = [a, b, c];
             if !uv.iter().all(|p| p.is_finite()) {
                 return Err(format!("triangle {t} has coordinates that are not finite"));
             }
             if !uv.iter().all(|p| p.min_element() >= -BORDER && p.max_element() <= 1.0 + BORDER) {
                 return Err(format!("triangle {t} leaves the range from 0 to 1"));
             }
-            let world = triangle.map(|v| scene.vertices.position[first + v as usize].as_dvec3());
+            let world = triangle.map(|v| scene.vertex_position(first + v).as_dvec3());
             let area = 0.5 * (world[1] - world[0]).cross(world[2] - world[0]).length();
             if area > 0.0 {
                 faces.push(Face { part: *p as u32, triangle: t as u32, chart: 0 });

@@ -38,7 +38,6 @@ mod weld;
 use crate::base::Warned;
 use crate::base::Warning;
 use crate::base::parallel;
-use crate::scene::Part;
 use crate::scene::Scene;
 use core::time::Duration;
 use glam::Vec2;
@@ -92,7 +91,7 @@ pub struct Chart {
     pub page: u32,
 }
 
-/// A part with its vertices split where charts need it.
+/// A part with its vertices split where charts need it. Empty for a part that receives no light and shares its geometry.
 #[derive(Debug, Default, Clone)]
 pub struct ChartedPart {
     /// For each output vertex, the index of the source vertex within the part (= accessor element).
@@ -252,12 +251,4 @@ fn check(settings: &Settings) -> Result<(), Error> {
         return Err(Error::Setting("at least one page is needed".to_owned()));
     }
     Ok(())
-}
-
-/// Triangles of a part as source vertices, relative to the part.
-fn part_triangles<'a>(scene: &'a Scene, part: &Part) -> impl Iterator<Item = [u32; 3]> + use<'a> {
-    let first = part.vertices.start;
-    scene.triangles[part.triangles.start as usize..part.triangles.end as usize]
-        .iter()
-        .map(move |triangle| triangle.map(|v| v - first))
 }

@@ -8,7 +8,6 @@
 //! non-manifold because of a copy. Of the other edges with more than two triangles (a wall standing on a floor) the
 //! pair that continues straightest is joined. Faces on the two sides of a contact that was cut are no neighbours.
 
-use super::part_triangles;
 use crate::scene::Part;
 use crate::scene::Scene;
 use glam::DVec3;
@@ -54,14 +53,14 @@ type HalfEdge = (u32, u32, u32, u32);
 impl Surface {
     /// Welds a part of a scene.
     pub(super) fn new(scene: &Scene, part: &Part) -> Self {
-        let first = part.vertices.start as usize;
-        let source: Vec<[u32; 3]> = part_triangles(scene, part).collect();
+        let first = part.vertices.start;
+        let source: Vec<[u32; 3]> = scene.part_triangles(part).collect();
         let mut index = HashMap::new();
         let mut positions: Vec<DVec3> = Vec::new();
         let mut faces = Vec::with_capacity(source.len());
         for triangle in &source {
             faces.push(triangle.map(|v| {
-                let p = scene.vertices.position[first + v as usize];
+                let p = scene.vertex_position(first + v);
                 let key = p.to_array().map(|x| (x + 0.0).to_bits());
                 *index.entry(key).or_insert_with(|| {
                     positions.push(p.as_dvec3());
@@ -223,12 +222,12 @@ impl Surface {
         if cos < SHARP_COS || part.flat {
             return false;
         }
-        let first = part.vertices.start as usize;
+        let first = part.vertices.start;
         let (a, b) = self.edge(f as u32, k);
         [a, b].into_iter().all(|welded| {
             let normal = |face: usize| {
                 let corner = self.faces[face].iter().position(|v| *v == welded).unwrap_or(0);
-                scene.vertices.normal[first + source[face][corner] as usize]
+                scene.vertex_normal(first + source[face][corner])
             };
             normal(f).dot(normal(g as usize)) > SAME_NORMAL_COS
         })

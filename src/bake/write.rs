@@ -219,7 +219,7 @@ impl Facts<'_> {
                 _ => serde_json::Map::new(),
             },
             scene: report::SceneCounts {
-                triangles: scene.triangles.len() as u64,
+                triangles: scene.triangle_count() as u64,
                 instances: scene.parts.len() as u64,
                 materials: scene.materials.len() as u64,
                 lights: scene.lights.len() as u64,

@@ -61,7 +61,7 @@ pub(super) fn measure(subject: &Subject<'_>) -> Measure {
 fn seams(subject: &Subject<'_>) -> Vec<[(u32, u32); 2]> {
     let (scene, place) = (subject.scene, vertices::places(subject.scene));
     let mut edges: Vec<HalfEdge> = vec![];
-    for (t, triangle) in scene.triangles.iter().enumerate() {
+    for (t, triangle) in (0..scene.triangle_count()).map(|t| (t, scene.triangle(t as u32))) {
         if subject.chart[t] == NO_CHART || subject.area[t] <= 0.0 {
             continue;
         }
@@ -89,7 +89,7 @@ fn seams(subject: &Subject<'_>) -> Vec<[(u32, u32); 2]> {
 
 fn is_seam(subject: &Subject<'_>, place: &[u32], [(ta, ka), (tb, kb)]: [(u32, u32); 2]) -> bool {
     let scene = subject.scene;
-    let ends = |t: u32, k: u32| [k, (k + 1) % 3].map(|c| scene.triangles[t as usize][c as usize] as usize);
+    let ends = |t: u32, k: u32| [k, (k + 1) % 3].map(|c| scene.triangle(t)[c as usize] as usize);
     let (a, mut b) = (ends(ta, ka), ends(tb, kb));
     b.reverse();
     let opposed = place[a[0]] == place[b[0]];
@@ -99,7 +99,7 @@ fn is_seam(subject: &Subject<'_>, place: &[u32], [(ta, ka), (tb, kb)]: [(u32, u3
     }
     let (na, nb) = (scene.geometric_normal(ta), scene.geometric_normal(tb));
     let shading = |t: u32, vertex: usize| {
-        let corner = scene.triangles[t as usize].iter().position(|v| *v as usize == vertex).unwrap_or(0);
+        let corner = scene.triangle(t).iter().position(|v| *v as usize == vertex).unwrap_or(0);
         scene.shading_normal(t, [Vec2::ZERO, Vec2::X, Vec2::Y][corner])
     };
     na.dot(nb) > CORNER && (0..2).all(|k| shading(ta, a[k]).dot(shading(tb, b[k])) > SAME_NORMAL)

@@ -82,8 +82,8 @@ impl<'a> Subject<'a> {
         progress: &Progress,
     ) -> Result<Self, Error> {
         let scene = tracer.scene();
-        let flat = parallel::map_light(scene.triangles.len(), |t| flatten(scene, lightmaps, t as u32));
-        let area = parallel::map_light(scene.triangles.len(), |t| scene.area(t as u32));
+        let flat = parallel::map_light(scene.triangle_count(), |t| flatten(scene, lightmaps, t as u32));
+        let area = parallel::map_light(scene.triangle_count(), |t| scene.area(t as u32));
         let size = page_size(scene, lightmaps, &flat)?;
         let corner = corners(scene, &flat);
         let chart = charts(scene, &flat, &corner);
@@ -229,11 +229,11 @@ fn page_size(scene: &Scene, lightmaps: &Lightmaps, flat: &[Option<Flat>]) -> Res
 
 /// Class of each vertex: place in the world, page and place on it, by their bits.
 fn corners(scene: &Scene, flat: &[Option<Flat>]) -> Vec<u32> {
-    let mut keys = vec![([0u32; 6], u32::MAX); scene.vertices.position.len()];
+    let mut keys = vec![([0u32; 6], u32::MAX); scene.vertex_count()];
     for (t, f) in flat.iter().enumerate() {
         let Some(f) = f else { continue };
-        for (v, uv) in scene.triangles[t].iter().zip(f.uv) {
-            let p = scene.vertices.position[*v as usize];
+        for (v, uv) in scene.triangle(t as u32).iter().zip(f.uv) {
+            let p = scene.vertex_position(*v);
             // Adding 0 makes −0 the same as 0.
             let bits = [p.x, p.y, p.z, uv.x, uv.y].map(|x| (x + 0.0).to_bits());
             keys[*v as usize] = ([f.page, bits[0], bits[1], bits[2], bits[3], bits[4]], *v);
@@ -257,7 +257,7 @@ fn charts(scene: &Scene, flat: &[Option<Flat>], corner: &[u32]) -> Vec<u32> {
     let members: Vec<usize> = (0..flat.len()).filter(|&t| usable(t)).collect();
     let mut edges: Vec<(u32, u32, u32)> = Vec::with_capacity(3 * members.len());
     for (m, &t) in members.iter().enumerate() {
-        let class = scene.triangles[t].map(|v| corner[v as usize]);
+        let class = scene.triangle(t as u32).map(|v| corner[v as usize]);
         for k in 0..3 {
             let (a, b) = (class[k], class[(k + 1) % 3]);
             edges.push((a.min(b), a.max(b), m as u32));
@@ -288,7 +288,7 @@ fn atlas(scene: &Scene, flat: &[Option<Flat>], chart: &[u32], page_size: [u32; 2
             ..ChartedPart::default()
         };
         for t in range {
-            let local = scene.triangles[t].map(|v| v - part.vertices.start);
+            let local = scene.triangle(t as u32).map(|v| v - part.vertices.start);
             charted.triangles.push(local);
             let Some(f) = flat[t] else { continue };
             local.iter().zip(f.uv).for_each(|(v, uv)| charted.uv[*v as usize] = uv);

@@ -3,7 +3,7 @@
 use super::arrange::Shape;
 use super::mesh::{GRID, Mesh};
 use crate::base::parallel;
-use crate::scene::{Cuts, Origin, Scene, Vertices};
+use crate::scene::{Copies, Cuts, Origin, Scene, Vertices};
 use core::ops::{Add, Mul};
 use std::collections::BTreeMap;
 
@@ -38,7 +38,7 @@ fn part_plan(mesh: &Mesh<'_>, shapes: &[Option<Shape>], p: usize) -> PartPlan {
         PartPlan { origins: (0..part.vertices.len() as u32).map(Origin::source).collect(), ..PartPlan::default() };
     let mut on_edges: BTreeMap<[u32; 3], u32> = BTreeMap::new();
     for t in part.triangles.clone() {
-        let own = mesh.scene.triangles[t as usize].map(|v| v - part.vertices.start);
+        let own = mesh.scene.triangle(t).map(|v| v - part.vertices.start);
         let Some(shape) = &shapes[t as usize] else {
             plan.triangles.push(own);
             continue;
@@ -87,15 +87,16 @@ impl PartPlan {
 /// The scene as planned.
 pub(super) fn apply(mut scene: Scene, plan: Plan) -> Scene {
     let Plan { parts, cut, made, continued } = plan;
-    let source = core::mem::take(&mut scene.vertices);
-    scene.vertices.uv = vec![vec![]; source.uv.len()];
+    let source: Vec<Vertices> = scene.parts.iter().map(|part| scene.vertices_of(part)).collect();
+    scene.vertices = Vertices { uv: vec![vec![]; scene.vertices.uv.len()], ..Vertices::default() };
+    scene.copies = Copies::default();
     scene.triangles = vec![];
     scene.triangle_part = vec![];
     let mut cuts = Cuts { cut, made, continued, ..Cuts::default() };
     for (p, part_plan) in (0u32..).zip(parts) {
         let part = &mut scene.parts[p as usize];
         let (first, first_triangle) = (scene.vertices.position.len() as u32, scene.triangles.len() as u32);
-        add(&mut scene.vertices, &source, part.vertices.start as usize, &part_plan.origins);
+        add(&mut scene.vertices, &source[p as usize], &part_plan.origins);
         scene.triangles.extend(part_plan.triangles.iter().map(|t| t.map(|v| v + first)));
         scene.triangle_part.resize(scene.triangles.len(), p);
         part.vertices = first..scene.vertices.position.len() as u32;
@@ -109,14 +110,14 @@ pub(super) fn apply(mut scene: Scene, plan: Plan) -> Scene {
     scene
 }
 
-fn add(out: &mut Vertices, source: &Vertices, start: usize, origins: &[Origin]) {
+fn add(out: &mut Vertices, source: &Vertices, origins: &[Origin]) {
     for origin in origins {
-        out.position.push(at(origin, &source.position[start..]));
-        let normal = at(origin, &source.normal[start..]);
+        out.position.push(at(origin, &source.position));
+        let normal = at(origin, &source.normal);
         out.normal.push(if origin.is_source() { normal } else { normal.normalize_or_zero() });
-        out.color.push(at(origin, &source.color[start..]));
+        out.color.push(at(origin, &source.color));
         for (set, from) in out.uv.iter_mut().zip(&source.uv) {
-            set.push(at(origin, &from[start..]));
+            set.push(at(origin, from));
         }
     }
 }

@@ -34,8 +34,8 @@ pub(super) struct EdgePoints(Vec<EdgePoint>);
 
 impl<'a> Mesh<'a> {
     pub(super) fn new(scene: &'a Scene, keep_uv: bool) -> Self {
-        let key = |v: u32| scene.vertices.position[v as usize].to_array().map(ordered);
-        let mut order: Vec<u32> = (0..scene.vertices.position.len() as u32).collect();
+        let key = |v: u32| scene.vertex_position(v).to_array().map(ordered);
+        let mut order: Vec<u32> = (0..scene.vertex_count() as u32).collect();
         order.par_sort_unstable_by_key(|&v| (key(v), v));
         let mut place = vec![0; order.len()];
         let mut count = 0;
@@ -45,7 +45,7 @@ impl<'a> Mesh<'a> {
         }
         let is_cut = scene.parts.iter().map(|part| part.receives && !(keep_uv && part.has_uv1)).collect();
         let mut mesh = Self { scene, place, edges: vec![], is_cut };
-        mesh.edges = (0..scene.triangles.len() as u32 * 3)
+        mesh.edges = (0..scene.triangle_count() as u32 * 3)
             .map(|half| {
                 let [a, b] = mesh.ends(half / 3, (half % 3) as usize);
                 (a.min(b), a.max(b), half)
@@ -57,7 +57,7 @@ impl<'a> Mesh<'a> {
 
     /// Places of the ends of a side, in the winding of the triangle.
     pub(super) fn ends(&self, triangle: u32, side: usize) -> [u32; 2] {
-        let corners = self.scene.triangles[triangle as usize];
+        let corners = self.scene.triangle(triangle);
         [side, (side + 1) % 3].map(|k| self.place[corners[k] as usize])
     }
 
@@ -82,7 +82,7 @@ impl<'a> Mesh<'a> {
 
     /// The triangle may be cut.
     pub(super) fn is_cut(&self, triangle: u32) -> bool {
-        self.is_cut[self.scene.triangle_part[triangle as usize] as usize]
+        self.is_cut[self.scene.part_index(triangle)]
     }
 
     /// The triangle stops all light.
@@ -92,10 +92,10 @@ impl<'a> Mesh<'a> {
 
     /// Other triangles across a side with which a chart may go on.
     pub(super) fn goes_on(&self, triangle: u32, side: usize, normal: DVec3) -> impl Iterator<Item = u32> + '_ {
-        let part = self.scene.triangle_part[triangle as usize];
+        let part = self.scene.part_index(triangle);
         self.around(self.ends(triangle, side)).filter(move |&other| {
             let alike = || Plane::new(self.corners(other)).is_some_and(|p| p.normal.dot(normal) > SMOOTH);
-            other != triangle && self.scene.triangle_part[other as usize] == part && alike()
+            other != triangle && self.scene.part_index(other) == part && alike()
         })
     }
 }

@@ -80,7 +80,7 @@ fn plan(scene: &Scene, settings: &Settings) -> Option<apply::Plan> {
     let texel = settings.texel() / f64::from(if densest > 0.0 { densest } else { 1.0 });
     let tolerance = Settings::tolerance(texel, f64::from(low.abs().max(high.abs()).max_element()));
     let mesh = Mesh::new(scene, settings.keep_uv);
-    let count = scene.triangles.len();
+    let count = scene.triangle_count();
     let mut lines: Vec<Vec<Segment>> = parallel::map(count, |t| find::contacts(&tracer, &mesh, t as u32, tolerance));
     if lines.iter().all(Vec::is_empty) {
         return None;

@@ -21,8 +21,7 @@ pub(super) fn scene(scene: &Scene, light: &VertexLight) -> Option<Scene> {
     for (part, cut) in scene.parts.iter().zip(&light.parts) {
         if cut.origins.is_empty() {
             let origins: Vec<Origin> = (0..part.vertices.end - part.vertices.start).map(Origin::source).collect();
-            let own = &scene.triangles[part.triangles.start as usize..part.triangles.end as usize];
-            let triangles = own.iter().map(|t| t.map(|v| v - part.vertices.start)).collect();
+            let triangles = scene.part_triangles(part).collect();
             add(&mut out, scene, part, &VertexPart { origins, triangles, ..VertexPart::default() });
         } else {
             add(&mut out, scene, part, cut);
@@ -38,14 +37,13 @@ pub(super) fn irradiance(light: &VertexLight, intensity: f32) -> Vec<Vec<Rgb>> {
 
 fn add(out: &mut Scene, scene: &Scene, part: &Part, cut: &VertexPart) {
     let (first, first_triangle) = (out.vertices.position.len() as u32, out.triangles.len() as u32);
-    let start = part.vertices.start as usize;
-    let source = &scene.vertices;
+    let source = scene.vertices_of(part);
     for origin in &cut.origins {
-        out.vertices.position.push(at(origin, &source.position[start..]));
-        out.vertices.normal.push(at(origin, &source.normal[start..]).normalize_or_zero());
-        out.vertices.color.push(at(origin, &source.color[start..]));
+        out.vertices.position.push(at(origin, &source.position));
+        out.vertices.normal.push(at(origin, &source.normal).normalize_or_zero());
+        out.vertices.color.push(at(origin, &source.color));
         for (set, from) in out.vertices.uv.iter_mut().zip(&source.uv) {
-            set.push(at(origin, &from[start..]));
+            set.push(at(origin, from));
         }
     }
     out.triangles.extend(cut.triangles.iter().map(|t| t.map(|v| v + first)));

@@ -125,7 +125,7 @@ fn placed(subject: &Subject<'_>, lightmap: &Lightmap) -> Lightmaps {
 }
 
 fn places(scene: &Scene, atlas: &Atlas) -> Vec<Option<Place>> {
-    let mut places = vec![None; scene.triangles.len()];
+    let mut places = vec![None; scene.triangle_count()];
     for (part, charted) in scene.parts.iter().zip(&atlas.parts) {
         for ((t, corners), &chart) in part.triangles.clone().zip(&charted.triangles).zip(&charted.chart) {
             if chart != NO_CHART {

@@ -70,10 +70,10 @@ impl Emitters {
     pub fn of(scene: &Scene, keep: impl Fn(Source) -> bool) -> Self {
         let glowing = |p: usize| scene.glows(&scene.parts[p]) && keep(Source::Part(p));
         let glowing: Vec<bool> = (0..scene.parts.len()).map(glowing).collect();
-        let glows = |t: &u32| glowing[scene.triangle_part[*t as usize] as usize];
+        let glows = |t: &u32| glowing[scene.part_index(*t)];
         let kept = |(i, light): (usize, &Light)| keep(Source::Light(i)).then(|| light.clone());
         let lights: Vec<Light> = scene.lights.iter().enumerate().filter_map(kept).collect();
-        let emissive: Vec<u32> = (0..scene.triangles.len() as u32).filter(glows).collect();
+        let emissive: Vec<u32> = (0..scene.triangle_count() as u32).filter(glows).collect();
         let cut = |range: core::ops::Range<usize>| {
             let mut pieces = vec![];
             emissive[range].iter().for_each(|&t| piece::cut(scene, t, &mut pieces));

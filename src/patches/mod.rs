@@ -15,6 +15,7 @@
 mod cells;
 mod exposed;
 mod graph;
+mod laid;
 mod place;
 mod readers;
 mod seams;
@@ -32,8 +33,9 @@ pub use tilt::{Shine, Tilt, Tilts};
 use crate::atlas::Atlas;
 use crate::base::{Progress, Rgb, parallel};
 use crate::scene::Scene;
-use crate::trace::{Hit, Tracer};
+use crate::trace::Tracer;
 use glam::{Vec2, Vec3};
+use laid::Laid;
 
 /// No patch.
 pub const NO_PATCH: u32 = u32::MAX;
@@ -74,7 +76,7 @@ pub struct Patches {
     grid: Vec<u32>,
     fragments: Fragments,
     mask: Vec<u64>,
-    surface: Vec<SurfaceTriangle>,
+    surface: Laid,
     /// Charts whose front patches lie on the back of their triangles, ascending.
     turned: Vec<u32>,
 }
@@ -97,19 +99,6 @@ struct Fragments {
     triangle: Vec<u32>,
     /// Covered part of the texel [texel²].
     covered: Vec<f32>,
-}
-
-/// Where a scene triangle lies on the pages.
-#[derive(Debug, Clone, Copy)]
-struct SurfaceTriangle {
-    /// Corners [texels].
-    uv: [Vec2; 3],
-    /// Page, or [`NO_PATCH`] for a triangle without a chart.
-    page: u32,
-    /// World area per texel area [m²].
-    scale: f32,
-    /// Light takes part on both sides.
-    two_sided: bool,
 }
 
 impl Patches {
@@ -211,7 +200,7 @@ impl Patches {
         let triangles = &scene.parts[part].triangles;
         let own = |f: &usize| triangles.contains(&self.fragments.triangle[*f]);
         let area = |f: usize| {
-            f64::from(self.fragments.covered[f]) * f64::from(self.surface[self.fragments.triangle[f] as usize].scale)
+            f64::from(self.fragments.covered[f]) * f64::from(self.surface.of(self.fragments.triangle[f]).scale)
         };
         (0..self.fragments.triangle.len()).filter(own).map(area).fold(0.0, |a, b| a + b)
     }
@@ -223,14 +212,7 @@ impl Patches {
             + self.front * (4 + 4 + 4 + 4 + 8 + 8)
             + self.grid.len() * 4
             + self.fragments.triangle.len() * 8
-            + self.surface.len() * size_of::<SurfaceTriangle>()
-    }
-}
-
-impl SurfaceTriangle {
-    /// Where a hit on the triangle lies on its page [texels].
-    fn at(&self, hit: &Hit) -> Vec2 {
-        self.uv[0] + (self.uv[1] - self.uv[0]) * hit.b.x + (self.uv[2] - self.uv[0]) * hit.b.y
+            + self.surface.bytes()
     }
 }
 

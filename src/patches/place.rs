@@ -30,7 +30,7 @@ impl Patches {
     #[must_use]
     #[inline]
     pub fn seen(&self, hit: &Hit) -> Option<Seen> {
-        let t = self.surface.get(hit.triangle as usize)?;
+        let t = self.surface.of(hit.triangle);
         if t.page == NO_PATCH || (!hit.front && !t.two_sided) {
             return None;
         }
@@ -52,7 +52,7 @@ impl Patches {
         if self.mask[front] == u64::MAX {
             return true;
         }
-        let uv = self.surface[hit.triangle as usize].at(hit);
+        let uv = self.surface.of(hit.triangle).at(hit);
         let (x, y) = self.texel_xy(front);
         let local = (uv - Vec2::new(x as f32, y as f32)).clamp(Vec2::ZERO, Vec2::ONE);
         self.is_near_exposed(front, local.as_dvec2())
@@ -119,7 +119,7 @@ impl Patches {
     /// The polygon of fragment `f` (absolute index) within its texel, in texel coordinates.
     pub(super) fn polygon(&self, front: usize, f: usize) -> Polygon {
         let (x, y) = self.texel_xy(front);
-        raster::within_texel(self.surface[self.fragments.triangle[f] as usize].uv, x, y)
+        raster::within_texel(self.surface.of(self.fragments.triangle[f]).uv, x, y)
     }
 
     /// The triangles that reach into a front patch's texel, each with its polygon in texel coordinates.
@@ -151,7 +151,7 @@ impl Patches {
     pub(super) fn map(&self, triangle: u32, front: usize) -> Map {
         let (x, y) = self.texel_xy(front);
         let origin = DVec2::new(f64::from(x), f64::from(y));
-        Map::new(self.surface[triangle as usize].uv.map(|p| p.as_dvec2() - origin))
+        Map::new(self.surface.of(triangle).uv.map(|p| p.as_dvec2() - origin))
     }
 }
 

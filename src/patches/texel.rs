@@ -1,6 +1,7 @@
 //! Charts → texel patches: which triangles reach into which texel, and the patch that they form together.
 
-use super::{Fragments, NO_PATCH, Patches, SurfaceTriangle};
+use super::laid::Laid;
+use super::{Fragments, NO_PATCH, Patches};
 use crate::atlas::{Atlas, NO_CHART, raster};
 use crate::base::{Rgb, parallel};
 use crate::scene::Scene;
@@ -34,7 +35,7 @@ struct Texel {
 
 /// The patches of an atlas, all fully exposed.
 pub(super) fn patches(scene: &Scene, atlas: &Atlas) -> Patches {
-    let (surface, chart) = surface_triangles(scene, atlas);
+    let surface = Laid::new(scene, atlas);
     let pieces = collect(&surface, atlas.page_size);
     let fragments = group(&pieces);
     let front = fragments.first.len() - 1;
@@ -51,44 +52,24 @@ pub(super) fn patches(scene: &Scene, atlas: &Atlas) -> Patches {
     for (i, &texel) in patches.texel.iter().enumerate() {
         patches.grid[texel as usize] = i as u32;
     }
-    let texels = parallel::map(front, |i| summarise(scene, &patches, &chart, i));
+    let texels = parallel::map(front, |i| summarise(scene, &patches, i));
     fill(&mut patches, &texels);
     patches
 }
 
-fn surface_triangles(scene: &Scene, atlas: &Atlas) -> (Vec<SurfaceTriangle>, Vec<u32>) {
-    let mut surface = Vec::with_capacity(scene.triangles.len());
-    let mut charts = Vec::with_capacity(scene.triangles.len());
-    for (part, charted) in scene.parts.iter().zip(&atlas.parts) {
-        let two_sided = scene.materials[part.material].is_two_sided();
-        for (k, corners) in charted.triangles.iter().enumerate() {
-            let uv = corners.map(|v| charted.uv[v as usize]);
-            let [a, b, c] = uv.map(|p| p.as_dvec2());
-            let texels = 0.5 * (b - a).perp_dot(c - a).abs();
-            let chart = charted.chart[k];
-            let usable = chart != NO_CHART && texels > 0.0;
-            let page = if usable { atlas.charts[chart as usize].page } else { NO_PATCH };
-            let scale = if usable { scene.area(part.triangles.start + k as u32) / texels } else { 0.0 };
-            surface.push(SurfaceTriangle { uv, page, scale: scale as f32, two_sided });
-            charts.push(chart);
-        }
-    }
-    (surface, charts)
-}
-
 /// All pieces, ordered by texel and then by triangle.
-fn collect(surface: &[SurfaceTriangle], [width, height]: [u32; 2]) -> Vec<Piece> {
+fn collect(surface: &Laid, [width, height]: [u32; 2]) -> Vec<Piece> {
     let chunks = parallel::map_chunks(surface.len(), 256, |range| {
         let mut pieces = vec![];
-        for triangle in range {
-            let t = &surface[triangle];
+        for place in range {
+            let (triangle, t) = surface.nth(place);
             if t.page == NO_PATCH {
                 continue;
             }
             raster::cover(t.uv, |x, y, polygon| {
                 if (0..width as i32).contains(&x) && (0..height as i32).contains(&y) {
                     let texel = (t.page * height + y as u32) * width + x as u32;
-                    pieces.push(Piece { texel, triangle: triangle as u32, covered: polygon.area() as f32 });
+                    pieces.push(Piece { texel, triangle, covered: polygon.area() as f32 });
                 }
             });
         }
@@ -114,7 +95,7 @@ fn group(pieces: &[Piece]) -> Fragments {
     }
 }
 
-fn summarise(scene: &Scene, patches: &Patches, charts: &[u32], patch: usize) -> Texel {
+fn summarise(scene: &Scene, patches: &Patches, patch: usize) -> Texel {
     let mut sum = Texel {
         area: 0.0,
         centroid: Vec3::ZERO,
@@ -130,7 +111,7 @@ fn summarise(scene: &Scene, patches: &Patches, charts: &[u32], patch: usize) -> 
     for f in patches.fragments.range(patch) {
         let triangle = patches.fragments.triangle[f];
         let covered = patches.fragments.covered[f];
-        let surface = &patches.surface[triangle as usize];
+        let surface = patches.surface.of(triangle);
         let area = f64::from(covered) * f64::from(surface.scale);
         let polygon = patches.polygon(patch, f);
         let center = patches.map(triangle, patch).weights(polygon.centroid());
@@ -145,7 +126,7 @@ fn summarise(scene: &Scene, patches: &Patches, charts: &[u32], patch: usize) -> 
         sum.two_sided |= surface.two_sided;
         if covered > largest {
             largest = covered;
-            sum.chart = charts[triangle as usize];
+            sum.chart = patches.surface.chart(triangle);
         }
     }
     let inverse = 1.0 / sum.area.max(f64::MIN_POSITIVE);

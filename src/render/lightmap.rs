@@ -195,17 +195,17 @@ impl Lightmaps {
             return Some(place.corners);
         }
         let (lightmap, page) = self.of(scene, triangle)?;
-        let set = scene.vertices.uv.get(lightmap.uv_set)?;
         let size = Vec2::new(page.width as f32, page.height as f32);
-        Some(scene.triangles[triangle as usize].map(|v| set[v as usize] * size))
+        let [a, b, c] = scene.triangle(triangle).map(|v| scene.vertex_uv(lightmap.uv_set, v));
+        Some([a? * size, b? * size, c? * size])
     }
 
     /// Irradiance at a triangle's corners [lx].
     fn corners(&self, scene: &Scene, triangle: u32) -> Option<[Rgb; 3]> {
-        let part = scene.triangle_part[triangle as usize] as usize;
+        let part = scene.part_index(triangle);
         let values = self.vertices.get(part).filter(|values| !values.is_empty())?;
         let first = scene.parts[part].vertices.start;
-        Some(scene.triangles[triangle as usize].map(|v| values[(v - first) as usize]))
+        Some(scene.triangle(triangle).map(|v| values[(v - first) as usize]))
     }
 
     fn of(&self, scene: &Scene, triangle: u32) -> Option<(Lightmap, &ImageF32)> {

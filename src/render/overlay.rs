@@ -72,7 +72,7 @@ impl<'a> Painter<'a> {
             return Some(Rgb::splat(0.1 * shade));
         };
         let color = if self.overlay == Overlay::Charts {
-            let v = self.scene.triangles[hit.triangle as usize][0] as usize;
+            let v = self.scene.triangle(hit.triangle)[0] as usize;
             let of_document = || self.chart.get(v).copied().unwrap_or(0);
             chart_color(self.lightmaps.chart(hit.triangle).unwrap_or_else(of_document))
         } else {
@@ -114,7 +114,7 @@ fn density(scene: &Scene, triangle: u32, [a, b, c]: [Vec2; 3]) -> f32 {
 
 /// Median over the area that has texels [texels/m]; 1 where nothing has.
 pub(crate) fn median_density(scene: &Scene, lightmaps: &Lightmaps) -> f32 {
-    let mut all: Vec<(f32, f64)> = (0..scene.triangles.len() as u32)
+    let mut all: Vec<(f32, f64)> = (0..scene.triangle_count() as u32)
         .filter_map(|t| Some((density(scene, t, lightmaps.texels(scene, t)?), scene.area(t))))
         .filter(|(d, _)| *d > 0.0)
         .collect();
@@ -130,7 +130,7 @@ pub(crate) fn median_density(scene: &Scene, lightmaps: &Lightmaps) -> f32 {
 
 /// Union of vertices that triangles connect; the smallest vertex stands for its chart.
 fn charts(scene: &Scene) -> Vec<u32> {
-    let mut parent: Vec<u32> = (0..scene.vertices.position.len() as u32).collect();
+    let mut parent: Vec<u32> = (0..scene.vertex_count() as u32).collect();
     fn root(parent: &mut [u32], mut v: u32) -> u32 {
         while parent[v as usize] != v {
             parent[v as usize] = parent[parent[v as usize] as usize];
@@ -138,7 +138,7 @@ fn charts(scene: &Scene) -> Vec<u32> {
         }
         v
     }
-    for &[a, b, c] in &scene.triangles {
+    for [a, b, c] in (0..scene.triangle_count() as u32).map(|t| scene.triangle(t)) {
         for (x, y) in [(a, b), (a, c)] {
             let (x, y) = (root(&mut parent, x), root(&mut parent, y));
             parent[x.max(y) as usize] = x.min(y);

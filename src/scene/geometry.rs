@@ -15,6 +15,9 @@ use super::Material;
 use super::Part;
 use super::Treatment;
 use super::Vertices;
+use super::copies;
+use super::copies::Copies;
+use super::copies::Placement;
 use super::nodes::Placed;
 use super::nodes::Walk;
 use super::pose;
@@ -24,7 +27,6 @@ use super::primitive::LocalPrimitive;
 use super::primitive::Size;
 use crate::base::Warning;
 use crate::base::parallel;
-use glam::DMat3;
 use glam::DMat4;
 use glam::DVec3;
 use glam::Vec2;
@@ -39,6 +41,9 @@ const MAX_ELEMENTS: usize = 1 << 27;
 /// Largest coordinate [m]. Beyond it neighbouring floats are a metre apart, and every ray test fails.
 const MAX_COORDINATE: f32 = 1e7;
 
+/// Triangles from which on a primitive is worth a hierarchy of its own.
+const LEAST_SHARED: usize = 32;
+
 /// Distance from the world's origin [m] from which on a scene is moved there. Nearer, f32 resolves a quarter of a
 /// millimetre; and what lies beyond [`MAX_COORDINATE`] stays, to be refused.
 const FAR: f64 = 4096.0;
@@ -52,6 +57,8 @@ pub(super) struct Geometry {
     pub(super) parts: Vec<Part>,
     /// What was taken off all positions [m].
     pub(super) offset: DVec3,
+    /// Which parts share what is stored.
+    pub(super) copies: Copies,
 }
 
 /// Indices of a mesh and of a primitive in it.
@@ -65,6 +72,20 @@ struct Plan {
     size: Size,
     /// Index into the decoded primitives.
     source: usize,
+}
+
+/// What is known of the primitives that are placed more than once.
+struct Sharing {
+    /// By decoded primitive: its copies share what is stored for the first of them.
+    shared: Vec<bool>,
+    /// Its first triangle and vertex as stored, once they are.
+    stored: Vec<Option<[u32; 2]>>,
+}
+
+/// A part on its way into the scene.
+enum Placing {
+    Stored(PlacedPart),
+    Copied { placement: Placement, flat: bool },
 }
 
 /// A part with its vertices in the world, indices from 0.
@@ -82,6 +103,7 @@ pub(super) fn read(
     document: &Document,
     walk: &mut Walk,
     materials: &[Material],
+    share_from: usize,
     warnings: &mut Vec<Warning>,
 ) -> Result<Geometry, Error> {
     let (plans, sources) = plan(document, walk, materials.len() - 1, warnings)?;
@@ -100,17 +122,61 @@ pub(super) fn read(
         if used { pose::joints(document, &walk.worlds, skin) } else { Ok(Vec::new()) }
     });
     let joints = joints.collect::<Result<Vec<_>, _>>()?;
+    let mut sharing = Sharing::new(document, &plans, &mut locals, share_from);
     let placed = parallel::map(plans.len(), |i| {
-        place(document, &plans[i], &locals[plans[i].source], walk.worlds[plans[i].placed.node], &joints)
+        let (source, world) = (plans[i].source, walk.worlds[plans[i].placed.node]);
+        if sharing.shared[source] && copies::is_shareable(world) {
+            return copied(document, &plans[i], &locals[source], world);
+        }
+        place(document, &plans[i], &locals[source], world, &joints).map(Placing::Stored)
     });
     let mut geometry = Geometry { offset, ..Geometry::default() };
     geometry.vertices.uv = vec![Vec::new(); uv_sets.len()];
     for (plan, part) in plans.iter().zip(placed) {
-        let mut part = part?;
-        warnings.append(&mut part.warnings);
-        geometry.push(document, plan, &locals[plan.source], part, materials, warnings);
+        geometry.push(document, plan, &locals[plan.source], part?, &mut sharing, materials, warnings);
     }
     Ok(geometry)
+}
+
+impl Sharing {
+    /// Shares where that leaves out `share_from` triangles or more in all.
+    fn new(document: &Document, plans: &[Plan], locals: &mut [LocalPrimitive], share_from: usize) -> Self {
+        let root = &document.root;
+        let mut copies = vec![0usize; locals.len()];
+        for plan in plans {
+            let rigid = root.nodes[plan.placed.node].skin.is_none()
+                && root.meshes[plan.mesh].primitives[plan.primitive].targets.is_empty();
+            copies[plan.source] += usize::from(rigid);
+        }
+        let is_whole = |n: &Vec3| n.is_finite() && *n != Vec3::ZERO;
+        let fits = |local: &LocalPrimitive| {
+            local.triangles.len() >= LEAST_SHARED && local.normal.as_ref().is_none_or(|all| all.iter().all(is_whole))
+        };
+        let mut shared: Vec<bool> = copies.iter().zip(&*locals).map(|(&n, local)| n > 1 && fits(local)).collect();
+        let saved = (0..locals.len()).filter(|&i| shared[i]).map(|i| (copies[i] - 1) * locals[i].triangles.len());
+        if saved.sum::<usize>() < share_from {
+            shared.fill(false);
+        }
+        Self { shared, stored: vec![None; locals.len()] }
+    }
+}
+
+/// A part of which only the transform is kept.
+fn copied(document: &Document, plan: &Plan, local: &LocalPrimitive, world: DMat4) -> Result<Placing, Error> {
+    let placement = Placement::new(world);
+    check_range(document, plan, local.position.iter().map(|p| placement.position(*p)))?;
+    Ok(Placing::Copied { placement, flat: local.normal.is_none() })
+}
+
+/// All vertices of a part lie where rays can be traced.
+fn check_range(document: &Document, plan: &Plan, positions: impl Iterator<Item = Vec3>) -> Result<(), Error> {
+    let mut outside = positions.enumerate().filter(|(_, p)| !p.is_finite() || p.abs().max_element() > MAX_COORDINATE);
+    let Some((v, position)) = outside.next() else { return Ok(()) };
+    let name = document.root.primitive_name(plan.mesh, plan.primitive);
+    let node = document.root.node_name(plan.placed.node);
+    Err(Error::invalid(format!(
+        "{name}, placed by node {node}: vertex {v} is at {position}, beyond the limit of {MAX_COORDINATE:e} m"
+    )))
 }
 
 /// About the middle of what lies far away, in whole metres: the mean of the first vertices of all parts.
@@ -221,13 +287,7 @@ fn place(
     let position: Vec<Vec3> = (local.position.iter().enumerate())
         .map(|(v, p)| pose.matrix(v).transform_point3(p.as_dvec3()).as_vec3())
         .collect();
-    if let Some(v) = position.iter().position(|p| !p.is_finite() || p.abs().max_element() > MAX_COORDINATE) {
-        let node = root.node_name(plan.placed.node);
-        return Err(Error::invalid(format!(
-            "{name}, placed by node {node}: vertex {v} is at {}, beyond the limit of {MAX_COORDINATE:e} m",
-            position[v]
-        )));
-    }
+    check_range(document, plan, position.iter().copied())?;
     let mirrored = pose.mirrors();
     let mut triangles = source.triangles.clone();
     if mirrored {
@@ -258,12 +318,7 @@ fn normals(
     let mut normal = match &local.normal {
         None => vec![Vec3::ZERO; position.len()],
         Some(stored) => (stored.iter().enumerate())
-            .map(|(v, n)| {
-                let n = cofactor(pose.matrix(v)) * n.as_dvec3() * sign;
-                // Scaled first: the length of a huge or tiny vector overflows or vanishes when it is squared.
-                let n = (n / n.abs().max_element()).normalize_or_zero().as_vec3();
-                if n.is_finite() { n } else { Vec3::ZERO }
-            })
+            .map(|(v, n)| copies::unit(copies::cofactor(pose.matrix(v)) * sign * n.as_dvec3()))
             .collect(),
     };
     if normal.contains(&Vec3::ZERO) {
@@ -277,12 +332,6 @@ fn normals(
         report(bad);
     }
     normal
-}
-
-/// det(M) · M⁻ᵀ of the linear part; its columns are cross products of M's.
-fn cofactor(m: DMat4) -> DMat3 {
-    let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis].map(|c| c.truncate());
-    DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y))
 }
 
 /// Area-weighted average normal of the triangles around each vertex; +y where there is none.
@@ -302,7 +351,8 @@ impl Geometry {
         document: &Document,
         plan: &Plan,
         local: &LocalPrimitive,
-        part: PlacedPart,
+        placing: Placing,
+        sharing: &mut Sharing,
         materials: &[Material],
         warnings: &mut Vec<Warning>,
     ) {
@@ -311,9 +361,12 @@ impl Geometry {
         let name = root.node_name(plan.placed.node);
         let entry = &root.meshes[plan.mesh].primitives[plan.primitive];
         let material = entry.material.unwrap_or(materials.len() - 1);
-        let first_vertex = self.vertices.position.len() as u32;
-        let first_triangle = self.triangles.len() as u32;
-        let count = part.position.len();
+        let [first_triangle, first_vertex] = self.parts.last().map_or([0, 0], |p| [p.triangles.end, p.vertices.end]);
+        let (triangles, vertices) = (plan.size.triangles, local.position.len());
+        let (mirrored, flat) = match &placing {
+            Placing::Stored(part) => (part.mirrored, part.flat),
+            Placing::Copied { placement, flat } => (placement.mirrored, *flat),
+        };
         let morphed = !entry.targets.is_empty();
         let skinned = node.skin.is_some();
         let first_instance = node.instance == 0;
@@ -333,20 +386,50 @@ impl Geometry {
             mesh: plan.mesh,
             primitive: plan.primitive,
             name,
-            vertices: first_vertex..first_vertex + count as u32,
-            triangles: first_triangle..first_triangle + plan.size.triangles as u32,
+            vertices: copies::ids(first_vertex, vertices),
+            triangles: copies::ids(first_triangle, triangles),
             material,
-            mirrored: part.mirrored,
-            flat: part.flat,
+            mirrored,
+            flat,
             has_uv1: local.uv.get(1).is_some_and(Option::is_some),
             receives: !(materials[material].unlit || morphed || skinned),
             treatment: Treatment::default(),
         });
+        let (stored, placement) = match placing {
+            Placing::Stored(mut part) => {
+                warnings.append(&mut part.warnings);
+                (self.store(local, part.position, part.normal, &part.triangles), None)
+            }
+            Placing::Copied { placement, .. } => {
+                let known = sharing.stored[plan.source];
+                let stored = known.unwrap_or_else(|| {
+                    let average = || averages(&local.position, &local.triangles);
+                    let normal = local.normal.clone().unwrap_or_else(average);
+                    self.store(local, local.position.clone(), normal, &local.triangles)
+                });
+                sharing.stored[plan.source] = Some(stored);
+                (stored, Some(placement))
+            }
+        };
+        if sharing.shared.contains(&true) {
+            self.copies.push([triangles as u32, vertices as u32], stored, placement);
+        }
+    }
+
+    /// Appends triangles and vertices; where they begin.
+    fn store(
+        &mut self,
+        local: &LocalPrimitive,
+        position: Vec<Vec3>,
+        normal: Vec<Vec3>,
+        triangles: &[[u32; 3]],
+    ) -> [u32; 2] {
+        let [first_triangle, first_vertex] = [self.triangles.len() as u32, self.vertices.position.len() as u32];
         let part_index = self.parts.len() as u32 - 1;
-        self.triangles.extend(part.triangles.iter().map(|t| t.map(|v| v + first_vertex)));
+        self.triangles.extend(triangles.iter().map(|t| t.map(|v| v + first_vertex)));
         self.triangle_part.resize(self.triangles.len(), part_index);
-        self.vertices.position.extend(part.position);
-        self.vertices.normal.extend(part.normal);
+        self.vertices.position.extend(position);
+        self.vertices.normal.extend(normal);
         let end = self.vertices.position.len();
         match &local.color {
             Some(color) => self.vertices.color.extend(color),
@@ -358,5 +441,6 @@ impl Geometry {
                 _ => uv.resize(end, Vec2::ZERO),
             }
         }
+        [first_triangle, first_vertex]
     }
 }

@@ -31,7 +31,13 @@ pub struct Settings {
     pub light_radius: Option<f32>,
     /// What to do otherwise with what has certain names; later ones win.
     pub rules: Vec<Rule>,
+    /// Store geometry that several nodes place once, where that leaves out so many triangles or more; `None` = from
+    /// [`SHARE_FROM`] on. Nothing but memory and time depends on it.
+    pub share_from: Option<usize>,
 }
+
+/// Triangles from which on it is worth it to share them: they take about a gigabyte, and rays among copies take longer.
+pub const SHARE_FROM: usize = 1 << 22;
 
 /// Reads a glTF or GLB file, and the buffers and images that it refers to.
 ///
@@ -60,7 +66,8 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
     document.expand_instances()?;
     let mut walk = nodes::walk(&document.root, settings.scene, &mut warnings)?;
     let mut materials = material::read(&document.root, &mut warnings)?;
-    let mut geometry = geometry::read(&document, &mut walk, &materials, &mut warnings)?;
+    let share_from = settings.share_from.unwrap_or(SHARE_FROM);
+    let mut geometry = geometry::read(&document, &mut walk, &materials, share_from, &mut warnings)?;
     if geometry.triangles.is_empty() {
         return Err(Error::invalid("nothing to bake: the scene has no visible triangles"));
     }
@@ -95,6 +102,7 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         environment: None,
         cameras,
         offset: geometry.offset,
+        copies: geometry.copies,
         cuts: super::Cuts::default(),
     };
     warnings.iter_mut().for_each(|w| w.message = error::one_line(&w.message));

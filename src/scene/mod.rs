@@ -20,6 +20,7 @@ mod accessor;
 mod basis;
 mod cameras;
 mod container;
+mod copies;
 mod document;
 mod draco;
 mod environment;
@@ -48,12 +49,13 @@ mod treat;
 mod uri;
 
 pub use accessor::AccessorData;
+pub use copies::{Copied, Copies, Placement};
 pub use document::Document;
 pub use environment::Environment;
 pub use error::{Class, Error};
 pub use group::Groups;
 pub use light::{Light, Sky};
-pub use load::{Settings, load, load_bytes};
+pub use load::{SHARE_FROM, Settings, load, load_bytes};
 pub use material::{Alpha, Material, TextureRef, Translucency};
 pub use origin::{Cuts, Origin};
 pub use rules::{Glob, Rule, Treatment};
@@ -67,11 +69,11 @@ use glam::{DVec3, Mat4, Vec2, Vec3, Vec4};
 pub struct Scene {
     /// The input as read.
     pub document: Document,
-    /// Vertex attributes, indexed by the triangles.
+    /// Vertex attributes as stored, indexed by the triangles; ask for them by id where parts may share them.
     pub vertices: Vertices,
-    /// Vertex indices of each triangle, counter-clockwise seen from the front.
+    /// Vertex indices of each triangle as stored, counter-clockwise seen from the front.
     pub triangles: Vec<[u32; 3]>,
-    /// Index into `parts` for each triangle.
+    /// Index into `parts` for each stored triangle, of the first part that has it.
     pub triangle_part: Vec<u32>,
     /// One entry per (node, primitive), in document order of the node tree walk.
     pub parts: Vec<Part>,
@@ -92,6 +94,8 @@ pub struct Scene {
     /// Where the origin of all these coordinates lies in the document's world [m]: zero but for scenes that are far from
     /// there, so that f32 keeps what matters.
     pub offset: DVec3,
+    /// Which parts share what `vertices` and `triangles` hold; see [`Scene::corners`] and what is beside it.
+    pub copies: Copies,
     /// How it differs from the document: triangles that were cut after reading it.
     pub cuts: Cuts,
 }
@@ -120,9 +124,9 @@ pub struct Part {
     pub primitive: usize,
     /// Name of the node, or `node 7`; for messages.
     pub name: String,
-    /// Its range in `Scene::vertices`.
+    /// Ids of its vertices.
     pub vertices: Range<u32>,
-    /// Its range in `Scene::triangles`.
+    /// Ids of its triangles.
     pub triangles: Range<u32>,
     /// Index into `Scene::materials`.
     pub material: usize,

@@ -7,12 +7,6 @@ use crate::base::Rgb;
 use glam::{Vec2, Vec3, Vec4};
 
 impl Scene {
-    /// The three corners of a triangle in world space [m].
-    #[must_use]
-    pub fn corners(&self, triangle: u32) -> [Vec3; 3] {
-        self.triangles[triangle as usize].map(|v| self.vertices.position[v as usize])
-    }
-
     /// World position [m].
     #[must_use]
     pub fn position(&self, triangle: u32, b: Vec2) -> Vec3 {
@@ -45,7 +39,7 @@ impl Scene {
         if self.part(triangle).flat {
             return geometric;
         }
-        let n = mix(self.triangles[triangle as usize].map(|v| self.vertices.normal[v as usize]), b);
+        let n = mix(self.corner_normals(triangle), b);
         let n = n.normalize_or_zero();
         if n.dot(geometric) > 0.0 { n } else { geometric }
     }
@@ -68,7 +62,7 @@ impl Scene {
     /// The part that a triangle belongs to.
     #[must_use]
     pub fn part(&self, triangle: u32) -> &Part {
-        &self.parts[self.triangle_part[triangle as usize] as usize]
+        &self.parts[self.part_index(triangle)]
     }
 
     /// The material of a triangle.
@@ -198,7 +192,7 @@ impl Scene {
 
     /// The alpha of [`Scene::base_color`], without its colour: this is asked for at every hit of a masked surface.
     fn alpha(&self, material: &Material, triangle: u32, b: Vec2) -> f32 {
-        let [a0, a1, a2] = self.triangles[triangle as usize].map(|v| self.vertices.color[v as usize].w);
+        let [a0, a1, a2] = self.stored_corners(triangle).map(|v| self.vertices.color[v as usize].w);
         let mut alpha = material.base_color.w * (a0 * (1.0 - b.x - b.y) + a1 * b.x + a2 * b.y);
         if let Some(r) = &material.base_color_texture {
             alpha *= self.textures[r.texture].sample_alpha(self.texture_uv(triangle, b, r));
@@ -210,7 +204,7 @@ impl Scene {
     #[must_use]
     pub fn base_color(&self, triangle: u32, b: Vec2) -> Vec4 {
         let material = self.material(triangle);
-        let [c0, c1, c2] = self.triangles[triangle as usize].map(|v| self.vertices.color[v as usize]);
+        let [c0, c1, c2] = self.stored_corners(triangle).map(|v| self.vertices.color[v as usize]);
         let mut color = material.base_color * (c0 * (1.0 - b.x - b.y) + c1 * b.x + c2 * b.y);
         if let Some(r) = &material.base_color_texture {
             color *= self.textures[r.texture].sample_srgb(self.texture_uv(triangle, b, r));
@@ -220,7 +214,7 @@ impl Scene {
 
     fn texture_uv(&self, triangle: u32, b: Vec2, r: &TextureRef) -> Vec2 {
         let set = &self.vertices.uv[r.uv_set];
-        let [a, c, d] = self.triangles[triangle as usize].map(|v| set[v as usize]);
+        let [a, c, d] = self.stored_corners(triangle).map(|v| set[v as usize]);
         r.transform.transform_point2(a + (c - a) * b.x + (d - a) * b.y)
     }
 }

@@ -1,6 +1,6 @@
 //! Builds the hierarchy: nodes of eight boxes and packets of eight triangles.
 //!
-//! In: [`Scene`]. Out: [`Hierarchy`], and its root node. Two steps: `collapse` plans what is below
+//! In: [`Scene`], or triangles. Out: [`Hierarchy`], and its root node. Two steps: `collapse` plans what is below
 //! what; `write` copies that into nodes and packets, depth first, so that what is near in space is near in memory.
 //!
 //! Children with triangles come first, then by falling area: the order in which a ray that asks for any hit should
@@ -10,7 +10,7 @@
 //! box is flat, no point of a triangle lies on the border of its box, and the rounding of the double-precision triangle
 //! test (2⁻⁵³ of the distance) cannot put a hit outside of the box. See `traverse`.
 //!
-//! Invariants: every triangle of a kept part with area and finite corners is in exactly one packet; the same bytes at every thread
+//! Invariants: every triangle of a kept part that is no copy (see `copies`) with area and finite corners is in exactly one packet; the same bytes at every thread
 //! count; recursion is no deeper than that of `collapse`. Limit: 2²⁸ triangles.
 
 use super::collapse::Branch;
@@ -24,6 +24,7 @@ use crate::base::parallel;
 use crate::scene::Part;
 use crate::scene::Scene;
 use core::mem::take;
+use core::ops::Range;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -39,6 +40,9 @@ const PAD: f32 = 1.0 / (1u64 << 40) as f32;
 
 /// Triangles below which a subtree is not worth a task.
 const TASK: usize = 1 << 12;
+
+/// Triangles that are looked at in one go.
+const CHUNK: usize = 1 << 14;
 
 /// Smallest `Packet::margin` [m]: see `ShearLanes::filter`.
 const LEAST_MARGIN: f64 = 1.0 / (1u64 << 50) as f64;
@@ -145,9 +149,13 @@ pub(super) struct Hierarchy {
 }
 
 impl Hierarchy {
-    /// Of the triangles of parts that are kept.
+    /// Of the triangles of parts that are kept and stored where they stand.
     pub(super) fn new(scene: &Scene, keep: impl Fn(&Part) -> bool + Sync) -> Self {
-        let mut items = usable(scene, keep);
+        Self::of(usable(scene, keep), |triangle| scene.corners(triangle))
+    }
+
+    /// Of such triangles, by their corners [m].
+    pub(super) fn of(mut items: Vec<Item>, corners: impl Fn(u32) -> [Vec3; 3] + Sync) -> Self {
         if items.is_empty() {
             return Self::default();
         }
@@ -164,7 +172,7 @@ impl Hierarchy {
         let (mut nodes, first_node) = machine::fill(plan.nodes, &Node::empty());
         let (mut packets, first_packet) = machine::fill(plan.packets, &Packet::empty());
         let (n, p) = (&mut nodes[first_node..], &mut packets[first_packet..]);
-        write(scene, &items, &plan, (n, first_node), (p, first_packet));
+        write(&corners, &items, &plan, (n, first_node), (p, first_packet));
         Self {
             nodes,
             packets,
@@ -187,14 +195,26 @@ impl Hierarchy {
 
 /// Triangles of kept parts that have area and finite corners, with unpadded boxes.
 fn usable(scene: &Scene, keep: impl Fn(&Part) -> bool + Sync) -> Vec<Item> {
-    let chunks = parallel::map_chunks(scene.triangles.len().min(MAX_TRIANGLES), 1 << 14, |range| {
-        range.filter(|i| keep(scene.part(*i as u32))).filter_map(|i| item(scene, i as u32)).collect::<Vec<_>>()
+    let mut runs: Vec<Range<usize>> = vec![];
+    let mut add = |first: usize, end: usize| {
+        let end = end.min(MAX_TRIANGLES);
+        runs.extend((first..end).step_by(CHUNK).map(|from| from..end.min(from + CHUNK)));
+    };
+    if scene.copied().next().is_none() {
+        add(0, scene.triangle_count());
+    } else {
+        let own = (0..scene.parts.len()).filter(|&p| !scene.is_copied(p)).map(|p| &scene.parts[p].triangles);
+        own.for_each(|range| add(range.start as usize, range.end as usize));
+    }
+    let chunks = parallel::map(runs.len(), |k| {
+        let one = |t: u32| keep(scene.part(t)).then(|| item(t, scene.corners(t), scene.material(t).is_opaque()))?;
+        runs[k].clone().filter_map(|t| one(t as u32)).collect::<Vec<_>>()
     });
     chunks.concat()
 }
 
-fn item(scene: &Scene, triangle: u32) -> Option<Item> {
-    let corners = scene.corners(triangle);
+/// A triangle with area and finite corners.
+pub(super) fn item(triangle: u32, corners: [Vec3; 3], opaque: bool) -> Option<Item> {
     if !corners.iter().all(|p| p.is_finite()) {
         return None;
     }
@@ -202,7 +222,6 @@ fn item(scene: &Scene, triangle: u32) -> Option<Item> {
     if (b - a).cross(c - a) == DVec3::ZERO {
         return None;
     }
-    let opaque = scene.material(triangle).is_opaque();
     Some(Item {
         triangle,
         min: corners[0].min(corners[1]).min(corners[2]),
@@ -212,7 +231,13 @@ fn item(scene: &Scene, triangle: u32) -> Option<Item> {
 }
 
 /// Fills exactly the nodes and packets of a plan; with each slice comes the index of its first element in the whole.
-fn write(scene: &Scene, items: &[Item], plan: &Plan, nodes: (&mut [Node], usize), packets: (&mut [Packet], usize)) {
+fn write(
+    corners: &(impl Fn(u32) -> [Vec3; 3] + Sync),
+    items: &[Item],
+    plan: &Plan,
+    nodes: (&mut [Node], usize),
+    packets: (&mut [Packet], usize),
+) {
     let (Some((node, mut node_rest)), mut node_index) = (nodes.0.split_first_mut(), nodes.1 + 1) else { return };
     let (mut packet_rest, mut packet_index) = packets;
     let mut jobs = Vec::with_capacity(WIDTH);
@@ -228,16 +253,16 @@ fn write(scene: &Scene, items: &[Item], plan: &Plan, nodes: (&mut [Node], usize)
         } else if let Some((packet, p_rest)) = take(&mut packet_rest).split_first_mut() {
             node.set(slot, &branch.bounds, Child::packet(packet_index, branch.count));
             for (lane, item) in items[branch.first..branch.first + branch.count].iter().enumerate() {
-                packet.set(lane, scene.corners(item.triangle), item.triangle | item.flags);
+                packet.set(lane, corners(item.triangle), item.triangle | item.flags);
             }
             packet_rest = p_rest;
             packet_index += 1;
         }
     }
     if plan.packets > TASK / LANES {
-        jobs.into_par_iter().for_each(|(below, n, p)| write(scene, items, below, n, p));
+        jobs.into_par_iter().for_each(|(below, n, p)| write(corners, items, below, n, p));
     } else {
-        jobs.into_iter().for_each(|(below, n, p)| write(scene, items, below, n, p));
+        jobs.into_iter().for_each(|(below, n, p)| write(corners, items, below, n, p));
     }
 }
 

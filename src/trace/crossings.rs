@@ -14,7 +14,7 @@ use super::traverse::limit;
 use super::triangle::Crossing;
 use super::triangle::Shear;
 use super::triangle::ShearLanes;
-use glam::{DVec3, Vec2};
+use glam::Vec2;
 
 /// A triangle that a ray crosses.
 pub(super) struct Crossed {
@@ -38,11 +38,23 @@ impl Crossed {
 impl Tracer<'_> {
     /// Calls `visit` for all of it. Rays that are not finite, or have no direction or length, cross nothing.
     pub(super) fn each_crossed(&self, ray: &Ray3, mut visit: impl FnMut(Crossed)) {
-        let valid = ray.origin.is_finite() && ray.direction.is_finite() && ray.t_max > 0.0;
-        if !valid || ray.direction == DVec3::ZERO || self.hierarchy.nodes.is_empty() {
+        if !ray.is_valid() {
             return;
         }
         let shear = Shear::new(ray.origin, ray.direction);
+        let mut one = |crossing: Crossing, tagged: u32| {
+            let t = crossing.t() as f32;
+            if t > 0.0 && t < ray.t_max {
+                let triangle = tagged & !Packet::TRANSPARENT;
+                visit(Crossed { triangle, transparent: tagged != triangle, t, front: crossing.front(), crossing });
+            }
+        };
+        if !self.shared.is_empty() {
+            self.shared.each::<Portable>(ray, &shear, &mut one);
+        }
+        if self.hierarchy.nodes.is_empty() {
+            return;
+        }
         let (slab, lanes) = (Slab::<Portable>::new(self, ray.origin, &shear), ShearLanes::<Portable>::new(&shear));
         let most = Portable::splat(limit(ray.t_max, shear.scale()));
         let mut open = vec![self.hierarchy.root];
@@ -51,12 +63,8 @@ impl Tracer<'_> {
                 let packet = &self.hierarchy.packets[packet];
                 let mask = lanes.filter(packet, &shear);
                 for lane in (0..count).filter(|lane| mask >> lane & 1 == 1) {
-                    let Some(crossing) = shear.cross(packet, lane) else { continue };
-                    let (t, tagged) = (crossing.t() as f32, packet.triangles[lane]);
-                    if t > 0.0 && t < ray.t_max {
-                        let triangle = tagged & !Packet::TRANSPARENT;
-                        let transparent = tagged != triangle;
-                        visit(Crossed { triangle, transparent, t, front: crossing.front(), crossing });
+                    if let Some(crossing) = shear.cross(packet, lane) {
+                        one(crossing, packet.triangles[lane]);
                     }
                 }
             } else {

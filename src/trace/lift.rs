@@ -73,7 +73,7 @@ impl Lift {
         let [a, b, c] = scene.corners(triangle);
         let corners = [Vec3::ZERO, b - a, c - a];
         let side = if scene.geometric_normal(triangle).dot(facing) < 0.0 { -1.0 } else { 1.0 };
-        let normals = scene.triangles[triangle as usize].map(|v| scene.vertices.normal[v as usize] * side);
+        let normals = scene.corner_normals(triangle).map(|n| n * side);
         let bend = bend(&normals, facing);
         let round = normals.map(|n| ((n.dot(facing) - BOXY[1]) / (BOXY[0] - BOXY[1])).clamp(0.0, 1.0) * bend);
         let bends = |k: usize, j: usize| {

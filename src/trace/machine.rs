@@ -92,11 +92,38 @@ mod avx2 {
             unsafe { closest(tracer, ray) }
         }
 
+        #[cold]
+        pub(in super::super) fn closest_shared(
+            self,
+            tracer: &Tracer<'_>,
+            ray: &Ray3,
+            before: Option<Hit>,
+        ) -> Option<Hit> {
+            // SAFETY: `self` exists, so the features have been detected.
+            unsafe { closest_shared(tracer, ray, before) }
+        }
+
+        #[cold]
+        pub(in super::super) fn any_shared(self, tracer: &Tracer<'_>, ray: &Ray3) -> bool {
+            // SAFETY: `self` exists, so the features have been detected.
+            unsafe { any_shared(tracer, ray) }
+        }
+
         #[inline]
         pub(in super::super) fn any(self, tracer: &Tracer<'_>, ray: Ray3) -> bool {
             // SAFETY: `self` exists, so the features have been detected.
             unsafe { any(tracer, ray) }
         }
+    }
+
+    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+    fn closest_shared(tracer: &Tracer<'_>, ray: &Ray3, before: Option<Hit>) -> Option<Hit> {
+        tracer.shared.closest::<Wide>(tracer, ray, before)
+    }
+
+    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+    fn any_shared(tracer: &Tracer<'_>, ray: &Ray3) -> bool {
+        tracer.shared.any::<Wide>(tracer, ray)
     }
 
     #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]

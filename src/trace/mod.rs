@@ -1,6 +1,6 @@
 //! [`Scene`] → [`Tracer`]: what a ray meets first, and whether two points see each other.
 //!
-//! `build` makes a hierarchy of eight boxes per node (cut by `split`), `traverse` walks it with a `stack`, `triangle`
+//! `build` makes a hierarchy of eight boxes per node (cut by `split`), `copies` one per mesh that many parts share, `traverse` walks it with a `stack`, `triangle`
 //! decides watertightly what is met, `origin` finds starts of rays that never meet the surface they leave, `lift` those
 //! of rays that graze a smooth body made of facets. `crossings` are all that a ray crosses: `tint` knows from them what
 //! glass does to light, `solid` what the ray began in. `lanes` are the eight-fold numbers of all that, `machine` has
@@ -18,6 +18,7 @@
 
 mod build;
 mod collapse;
+mod copies;
 mod crossings;
 mod lanes;
 mod lift;
@@ -36,6 +37,7 @@ pub use origin::Ground;
 
 use crate::scene::{Part, Scene};
 use build::Hierarchy;
+use copies::Shared;
 use glam::{DVec3, Vec2, Vec3};
 use lanes::Portable;
 use traverse::traverse;
@@ -80,6 +82,10 @@ pub struct Line {
 pub struct Tracer<'a> {
     scene: &'a Scene,
     hierarchy: Hierarchy,
+    /// Parts that share their geometry, which are not in `hierarchy`.
+    shared: Shared,
+    /// Largest absolute coordinate of all [m].
+    reach: f64,
     /// Some material lets light pass.
     transparent: bool,
     /// Some material gives light a colour that passes it.
@@ -103,6 +109,15 @@ struct Ray3 {
 
 /// No triangle.
 const NO_TRIANGLE: u32 = u32::MAX;
+
+impl Ray3 {
+    /// It can meet something. Written so that NaN fails.
+    #[inline(always)]
+    fn is_valid(&self) -> bool {
+        let valid = self.origin.is_finite() && self.direction.is_finite() && self.t_max > 0.0;
+        valid && self.direction != DVec3::ZERO
+    }
+}
 
 impl From<&Ray> for Ray3 {
     #[inline]
@@ -134,12 +149,16 @@ impl<'a> Tracer<'a> {
     }
 
     fn of(scene: &'a Scene, keep: impl Fn(&Part) -> bool + Sync) -> Self {
+        let shared = Shared::new(scene, &keep);
         let hierarchy = Hierarchy::new(scene, keep);
+        let reach = hierarchy.reach().max(f64::from(shared.bounds.0.abs().max(shared.bounds.1.abs()).max_element()));
         #[cfg(target_arch = "x86_64")]
-        let avx2 = machine::Avx2::detect().filter(|_| machine::Avx2::within(hierarchy.reach() as f32));
+        let avx2 = machine::Avx2::detect().filter(|_| machine::Avx2::within(reach as f32));
         Self {
             scene,
             hierarchy,
+            shared,
+            reach,
             transparent: scene.materials.iter().any(|m| !m.is_opaque()),
             tints: scene.materials.iter().any(|m| m.transmission > 0.0),
             #[cfg(target_arch = "x86_64")]
@@ -208,9 +227,11 @@ impl<'a> Tracer<'a> {
         if let Some(avx2) = self.avx2
             && machine::Avx2::within(ray.origin.abs().max_element())
         {
-            return avx2.closest(self, ray);
+            let hit = avx2.closest(self, ray);
+            return if self.shared.is_empty() { hit } else { avx2.closest_shared(self, &ray, hit) };
         }
-        traverse::<Portable, false>(self, ray)
+        let hit = traverse::<Portable, false>(self, ray);
+        if self.shared.is_empty() { hit } else { self.shared.closest::<Portable>(self, &ray, hit) }
     }
 
     #[inline]
@@ -219,9 +240,10 @@ impl<'a> Tracer<'a> {
         if let Some(avx2) = self.avx2
             && machine::Avx2::within(ray.origin.abs().max_element())
         {
-            return avx2.any(self, ray);
+            return avx2.any(self, ray) || !self.shared.is_empty() && avx2.any_shared(self, &ray);
         }
         traverse::<Portable, true>(self, ray).is_some()
+            || !self.shared.is_empty() && self.shared.any::<Portable>(self, &ray)
     }
 
     /// Origin for a ray that leaves a triangle at `b` toward `direction`: pushed off the surface, to the side that the
@@ -239,30 +261,35 @@ impl<'a> Tracer<'a> {
     #[must_use]
     #[inline]
     pub fn leave(&self, ground: &Ground, b: Vec2, direction: Vec3) -> Vec3 {
-        ground.leave(b, direction, self.hierarchy.reach())
+        ground.leave(b, direction, self.reach)
     }
 
     /// Smallest and largest coordinates of the triangles that rays can meet [m]; zeros for an empty scene.
     #[must_use]
     pub fn bounds(&self) -> (Vec3, Vec3) {
-        self.hierarchy.bounds
+        let (own, shared) = (self.hierarchy.bounds, self.shared.bounds);
+        match (self.hierarchy.nodes.is_empty(), self.shared.is_empty()) {
+            (_, true) => own,
+            (true, false) => shared,
+            (false, false) => (own.0.min(shared.0), own.1.max(shared.1)),
+        }
     }
 
     /// Number of triangles that rays can meet.
     #[must_use]
     pub fn triangle_count(&self) -> usize {
-        self.hierarchy.triangle_count
+        self.hierarchy.triangle_count + self.shared.triangle_count
     }
 
     /// Number of eight-wide nodes.
     #[must_use]
     pub fn node_count(&self) -> usize {
-        self.hierarchy.node_count
+        self.hierarchy.node_count + self.shared.node_count()
     }
 
     /// Memory of the hierarchy [bytes].
     #[must_use]
     pub fn memory_bytes(&self) -> usize {
-        self.hierarchy.memory_bytes()
+        self.hierarchy.memory_bytes() + self.shared.memory_bytes()
     }
 }

@@ -38,7 +38,7 @@ use super::triangle::ShearLanes;
 use crate::base::random::Stage;
 use crate::base::random::Stream;
 use crate::base::random::mix;
-use glam::{DVec3, Vec2, Vec3};
+use glam::{Vec2, Vec3};
 
 /// Largest reciprocal of a direction component relative to the largest one.
 const STEEPEST: f32 = (1u128 << 100) as f32;
@@ -47,9 +47,7 @@ const STEEPEST: f32 = (1u128 << 100) as f32;
 /// no length.
 #[inline(always)]
 pub(super) fn traverse<L: Lanes, const ANY: bool>(tracer: &Tracer<'_>, ray: Ray3) -> Option<Hit> {
-    // Written so that NaN fails.
-    let valid = ray.origin.is_finite() && ray.direction.is_finite() && ray.t_max > 0.0;
-    if !valid || ray.direction == DVec3::ZERO || tracer.hierarchy.nodes.is_empty() {
+    if !ray.is_valid() || tracer.hierarchy.nodes.is_empty() {
         return None;
     }
     let shear = Shear::new(ray.origin, ray.direction);
@@ -57,12 +55,12 @@ pub(super) fn traverse<L: Lanes, const ANY: bool>(tracer: &Tracer<'_>, ray: Ray3
 }
 
 /// What is known of the nearest hit so far.
-struct Best {
+pub(super) struct Best {
     /// Hits must be nearer, or equally near with a smaller index.
-    t: f32,
+    pub(super) t: f32,
     /// 0 while there is none: no index is smaller, so a hit at `t_max` is none.
-    triangle: u32,
-    crossing: Option<Crossing>,
+    pub(super) triangle: u32,
+    pub(super) crossing: Option<Crossing>,
 }
 
 #[inline(always)]
@@ -176,8 +174,13 @@ pub(super) fn limit(t: f32, scale: f64) -> f32 {
 #[inline(always)]
 fn improve(tracer: &Tracer<'_>, ray: &Ray3, shear: &Shear, packet: &Packet, lane: usize, best: &mut Best) -> bool {
     let Some(crossing) = shear.cross(packet, lane) else { return false };
+    take(tracer, ray, crossing, packet.triangles[lane], best)
+}
+
+/// Takes a crossing, of a triangle as packets have it, if it is the best one now.
+#[inline(always)]
+pub(super) fn take(tracer: &Tracer<'_>, ray: &Ray3, crossing: Crossing, tagged: u32, best: &mut Best) -> bool {
     let t = crossing.t() as f32;
-    let tagged = packet.triangles[lane];
     let triangle = tagged & !Packet::TRANSPARENT;
     // Bitwise, because neither side of a short cut would be predicted.
     if !((t > 0.0) & ((t < best.t) | ((t == best.t) & (triangle < best.triangle)))) {
@@ -217,13 +220,28 @@ pub(super) struct Slab<L> {
 impl<L: Lanes> Slab<L> {
     #[inline(always)]
     pub(super) fn new(tracer: &Tracer<'_>, origin: Vec3, shear: &Shear) -> Self {
+        let reach = origin.abs().max_element().max(tracer.hierarchy.reach() as f32);
         let [x, y, z] = shear.unit.to_array();
         let [x, y, z] = [negative_inverse(x), negative_inverse(y), negative_inverse(z)];
-        let reach = origin.abs().max_element().max(tracer.hierarchy.reach() as f32);
         Self {
             axes: [L::axis(origin.x, x, reach), L::axis(origin.y, y, reach), L::axis(origin.z, z, reach)],
             enter: [usize::from(x > 0.0), usize::from(y > 0.0), usize::from(z > 0.0)],
         }
+    }
+
+    /// For boxes that are known to be within `slack` of where their nodes have them, or a ray as far off; `reach` bounds
+    /// all coordinates.
+    #[inline(always)]
+    pub(super) fn within(origin: Vec3, shear: &Shear, reach: f32, slack: f32) -> Self {
+        let unit = shear.unit.to_array();
+        let [x, y, z] = [0, 1, 2].map(|axis: usize| {
+            let inverse = negative_inverse(unit[axis]);
+            let ahead = slack.copysign(-inverse);
+            let [near, _] = L::axis(origin[axis] + ahead, inverse, reach + slack);
+            let [_, far] = L::axis(origin[axis] - ahead, inverse, reach + slack);
+            ([near, far], usize::from(inverse > 0.0))
+        });
+        Self { axes: [x.0, y.0, z.0], enter: [x.1, y.1, z.1] }
     }
 
     /// Inner distances to the eight boxes, and a bit for each that is met before `limit`.

@@ -118,6 +118,13 @@ impl Shear {
         ])
     }
 
+    /// The decision for a triangle by its corners.
+    #[inline(always)]
+    pub(super) fn cross_points(&self, corners: [Vec3; 3]) -> Option<Crossing> {
+        let [x, y, z] = [self.axes[0] as usize, self.axes[1] as usize, self.axes[2] as usize];
+        self.cross_corners(corners.map(|p| [p[x], p[y], p[z]]))
+    }
+
     #[inline(always)]
     fn sheared(&self, p: [f32; 3]) -> [f64; 3] {
         let [sx, sy, sz] = self.slope;
@@ -168,6 +175,15 @@ impl<L: Lanes> ShearLanes<L> {
     /// 2⁻⁵⁰ m, which covers what is lost to underflow. NaN after an overflow compares false, which does not refuse.
     #[inline(always)]
     pub(super) fn filter(&self, packet: &Packet, shear: &Shear) -> u32 {
+        self.filter_within::<false>(packet, shear, 0.0)
+    }
+
+    /// The same for corners that are known to be within `slack` [m] of where the packet has them, and a ray as far off, if `LOOSE`.
+    ///
+    /// A sheared coordinate is then off by 4 `slack` at most, and with s larger by as much an edge function by 2 · 4 `slack` · s
+    /// and terms of higher order; 16 `slack` · s covers them.
+    #[inline(always)]
+    pub(super) fn filter_within<const LOOSE: bool>(&self, packet: &Packet, shear: &Shear, slack: f32) -> u32 {
         let [kx, ky, kz] = [shear.axes[0] as usize, shear.axes[1] as usize, shear.axes[2] as usize];
         let [ox, oy, oz] = self.origin;
         let [sx, sy] = self.slope;
@@ -187,8 +203,12 @@ impl<L: Lanes> ShearLanes<L> {
         let margin = L::load(&packet.margin);
         let sixteenth = L::splat(ERROR);
         let h = az.size().plus(margin);
-        let s = ax.size().plus(ay.size()).plus(margin.plus(h.times(sixteenth)));
-        let error = s.times(s.plus(h)).times(sixteenth);
+        let mut s = ax.size().plus(ay.size()).plus(margin.plus(h.times(sixteenth)));
+        let mut error = s.times(s.plus(h)).times(sixteenth);
+        if LOOSE {
+            s = s.plus(L::splat(8.0 * slack));
+            error = s.times(s.plus(h)).times(sixteenth).plus(s.times(L::splat(16.0 * slack)));
+        }
         let negative = u.least(v).least(w).plus(error).below(L::splat(0.0));
         let positive = L::splat(0.0).below(u.most(v).most(w).minus(error));
         !(negative & positive)

@@ -15,7 +15,8 @@ use glam::Vec3;
 impl Tracer<'_> {
     /// Some triangle that `matters` may reach into the box from `low` to `high` [m].
     pub fn any_within(&self, low: Vec3, high: Vec3, mut matters: impl FnMut(u32) -> bool) -> bool {
-        !self.hierarchy.nodes.is_empty() && self.any_below(self.hierarchy.root, low, high, &mut matters)
+        let stored = !self.hierarchy.nodes.is_empty() && self.any_below(self.hierarchy.root, low, high, &mut matters);
+        stored || !self.shared.is_empty() && self.shared.any_within(low, high, &mut matters)
     }
 
     fn any_below(&self, child: Child, low: Vec3, high: Vec3, matters: &mut impl FnMut(u32) -> bool) -> bool {

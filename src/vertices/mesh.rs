@@ -70,12 +70,12 @@ impl Mesh {
             }
             let first = mesh.vertices.len() as u32;
             for (local, v) in (0..).zip(part.vertices.clone()) {
-                let at = scene.vertices.position[v as usize].as_dvec3();
-                let normal = scene.vertices.normal[v as usize].as_dvec3();
+                let at = scene.vertex_position(v).as_dvec3();
+                let normal = scene.vertex_normal(v).as_dvec3();
                 mesh.vertices.push(Vertex { part: p, origin: Origin::source(local), position: at, normal });
             }
             for (k, t) in part.triangles.clone().enumerate() {
-                let corners = scene.triangles[t as usize].map(|v| v - part.vertices.start + first);
+                let corners = scene.triangle(t).map(|v| v - part.vertices.start + first);
                 let chart = charted.chart.get(k).copied().unwrap_or(NO_CHART);
                 let place = charted.triangles.get(k).filter(|_| chart != NO_CHART);
                 let uv = place.map_or([DVec2::ZERO; 3], |c| c.map(|v| charted.uv[v as usize].as_dvec2()));

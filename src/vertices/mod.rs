@@ -42,12 +42,12 @@ use system::System;
 /// Number of the place that each vertex of a scene lies at; vertices at one place, within rounding, share it.
 #[must_use]
 pub fn places(scene: &Scene) -> Vec<u32> {
-    let vertices: Vec<mesh::Vertex> = (0..scene.vertices.position.len())
+    let vertices: Vec<mesh::Vertex> = (0..scene.vertex_count())
         .map(|v| mesh::Vertex {
             part: 0,
             origin: Origin::source(v as u32),
-            position: scene.vertices.position[v].as_dvec3(),
-            normal: scene.vertices.normal[v].as_dvec3(),
+            position: scene.vertex_position(v as u32).as_dvec3(),
+            normal: scene.vertex_normal(v as u32).as_dvec3(),
         })
         .collect();
     weld::places(&vertices).0

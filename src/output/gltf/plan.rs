@@ -239,7 +239,7 @@ fn in_place(scene: &Scene, atlas: &Atlas, part: usize) -> bool {
     let charted = &atlas.parts[part];
     let range = &scene.parts[part].vertices;
     let size = Vec2::new(atlas.page_size[0] as f32, atlas.page_size[1] as f32);
-    let own = scene.vertices.uv.get(1).and_then(|set| set.get(range.start as usize..range.end as usize));
+    let own: Option<Vec<Vec2>> = range.clone().map(|v| scene.vertex_uv(1, v)).collect();
     let Some(own) = own.filter(|own| own.len() == charted.uv.len()) else { return false };
     let corners = charted.triangles.iter().zip(&charted.chart).filter(|(_, c)| **c != NO_CHART).flat_map(|(t, _)| t);
     corners.copied().all(|v| (own[v as usize] * size - charted.uv[v as usize]).abs().max_element() <= SAME_PLACE)

@@ -148,7 +148,7 @@ fn largest(scene: &Scene, light: &VertexLight, settings: &VertexSettings) -> f32
 fn color(scene: &Scene, p: usize, part: &VertexPart, v: usize) -> (Rgb, f32) {
     let origin = &part.origins[v];
     let first = scene.parts[p].vertices.start;
-    let own = |k: usize| scene.vertices.color[(first + origin.source[k]) as usize] * origin.weight[k];
+    let own = |k: usize| scene.vertex_color(first + origin.source[k]) * origin.weight[k];
     let base = own(0) + own(1) + own(2);
     (base.truncate() * part.values[v], base.w)
 }

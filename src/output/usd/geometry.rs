@@ -17,7 +17,6 @@ use super::varname;
 use crate::vertices::Origin;
 use core::ops::{Add, Mul};
 use glam::DVec3;
-use glam::Vec2;
 use glam::Vec3;
 
 /// The layer.
@@ -60,7 +59,7 @@ fn mesh(bake: &Bake<'_>, text: &mut Text, p: usize) {
     let shape = Shape::new(bake, p);
     text.prim(&format!("def Mesh \"{}\"", bake.paths.mesh(part)), &metadata, |text| {
         let material = &bake.scene.materials[part.material];
-        let points = shape.attribute(&bake.scene.vertices.position);
+        let points = shape.attribute(|v| bake.scene.vertex_position(v));
         let low = points.iter().copied().fold(Vec3::INFINITY, Vec3::min);
         let high = points.iter().copied().fold(Vec3::NEG_INFINITY, Vec3::max);
         text.line(format!("uniform bool doubleSided = {}", u8::from(material.double_sided)));
@@ -69,7 +68,7 @@ fn mesh(bake: &Bake<'_>, text: &mut Text, p: usize) {
         text.list("int[] faceVertexIndices", shape.triangles.iter().flatten().map(u32::to_string), "");
         text.line(format!("rel material:binding = </World/{MATERIALS}/{}>", bake.paths.material(part.material)));
         if !part.flat {
-            let normals = shape.attribute(&bake.scene.vertices.normal).into_iter().map(Vec3::normalize_or_zero);
+            let normals = shape.attribute(|v| bake.scene.vertex_normal(v)).into_iter().map(Vec3::normalize_or_zero);
             text.list("normal3f[] normals", normals.map(|n| tuple(&n.to_array())), "interpolation = \"vertex\"");
         }
         text.list("point3f[] points", points.iter().map(|v| tuple(&v.to_array())), "");
@@ -85,7 +84,7 @@ fn primvars(bake: &Bake<'_>, text: &mut Text, p: usize, shape: &Shape<'_>) {
     let primitive = &bake.scene.document.root.meshes[part.mesh].primitives[part.primitive];
     const PER_VERTEX: &str = "interpolation = \"vertex\"";
     if primitive.attributes.contains_key("COLOR_0") {
-        let colors = shape.attribute(&vertices.color);
+        let colors = shape.attribute(|v| bake.scene.vertex_color(v));
         let color = colors.iter().map(|c| tuple(&c.truncate().to_array()));
         text.list("color3f[] primvars:displayColor", color, PER_VERTEX);
         if colors.iter().any(|c| c.w != 1.0) {
@@ -96,7 +95,7 @@ fn primvars(bake: &Bake<'_>, text: &mut Text, p: usize, shape: &Shape<'_>) {
     for (set, uv) in vertices.uv.iter().enumerate() {
         let own = set == 0 && primitive.attributes.contains_key("TEXCOORD_0");
         if uv.len() == vertices.position.len() && (own || read.contains(&set)) {
-            let upwards = shape.attribute(uv).into_iter().map(|uv: Vec2| tuple(&[uv.x, 1.0 - uv.y]));
+            let upwards = shape.attribute(|v| bake.scene.vertex_uv(set, v).unwrap_or_default()).into_iter().map(|uv| tuple(&[uv.x, 1.0 - uv.y]));
             text.list(&format!("texCoord2f[] primvars:{}", varname(set)), upwards, PER_VERTEX);
         }
     }
@@ -121,18 +120,18 @@ impl<'a> Shape<'a> {
         if let Some(cut) = bake.lit_vertices(p).filter(|lit| lit.refined) {
             return Self { first, count, origins: Some(&cut.origins), triangles: cut.triangles.clone() };
         }
-        let own = &bake.scene.triangles[part.triangles.start as usize..part.triangles.end as usize];
-        Self { first, count, origins: None, triangles: own.iter().map(|t| t.map(|v| v - first)).collect() }
+        Self { first, count, origins: None, triangles: bake.scene.part_triangles(part).collect() }
     }
 
-    /// Values of the scene's vertices at those of the part.
-    pub(super) fn attribute<T>(&self, all: &[T]) -> Vec<T>
+    /// What the vertices of the part have, by what those of the scene have.
+    pub(super) fn attribute<T>(&self, value: impl Fn(u32) -> T) -> Vec<T>
     where
         T: Copy + Add<Output = T> + Mul<f32, Output = T>,
     {
-        let own = &all[self.first as usize..(self.first + self.count) as usize];
-        let Some(origins) = self.origins else { return own.to_vec() };
-        let at = |o: &Origin, k: usize| own[o.source[k] as usize];
+        let Some(origins) = self.origins else {
+            return (self.first..self.first + self.count).map(value).collect();
+        };
+        let at = |o: &Origin, k: usize| value(self.first + o.source[k]);
         let blend = |o: &Origin| at(o, 0) * o.weight[0] + at(o, 1) * o.weight[1] + at(o, 2) * o.weight[2];
         origins.iter().map(|o| if o.is_source() { at(o, 0) } else { blend(o) }).collect()
     }

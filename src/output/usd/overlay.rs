@@ -148,7 +148,7 @@ fn vertices(bake: &Bake<'_>, text: &mut Text, p: usize) {
         Quantity::Radiosity => 1.0,
         Quantity::Irradiance => FRAC_1_PI,
     };
-    let colors: Vec<Vec4> = Shape::new(bake, p).attribute(&bake.scene.vertices.color);
+    let colors: Vec<Vec4> = Shape::new(bake, p).attribute(|v| bake.scene.vertex_color(v));
     let shown = lit.values.iter().zip(colors).map(|(light, color)| *light * factor * color.truncate());
     text.list("color3f[] primvars:displayColor", shown.map(|c| tuple(&c.to_array())), PER_VERTEX);
     let light = lit.values.iter().map(|v| tuple(&v.to_array()));
