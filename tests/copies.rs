@@ -9,8 +9,8 @@ mod solve;
 #[allow(dead_code, unreachable_pub, reason = "shared with other tests")]
 mod support;
 
-use gltf_builder::Builder;
 use glam::{DMat4, DQuat, DVec3, Quat, Vec2, Vec3};
+use gltf_builder::Builder;
 use serde_json::{Value, json};
 use solve::Stage;
 use std::path::Path;
@@ -30,8 +30,11 @@ fn forest(nodes: &[DMat4], normals: bool, cells: usize) -> Builder {
     let holes: Vec<[u8; 4]> = (0..16).map(|i| [200, 220, 180, if (i / 4 + i) % 2 == 0 { 255 } else { 0 }]).collect();
     let texture = b.texture(4, &holes);
     b.push("materials", json!({"pbrMetallicRoughness": {"baseColorFactor": [0.7, 0.5, 0.4, 1], "metallicFactor": 0}}));
-    b.push("materials", json!({"alphaMode": "MASK", "doubleSided": true,
-        "pbrMetallicRoughness": {"baseColorTexture": {"index": texture}, "metallicFactor": 0}}));
+    b.push(
+        "materials",
+        json!({"alphaMode": "MASK", "doubleSided": true,
+        "pbrMetallicRoughness": {"baseColorTexture": {"index": texture}, "metallicFactor": 0}}),
+    );
     let leaf = mesh(&mut b, &blob(cells, 0.3), normals, 1);
     b.push("meshes", json!({"primitives": [{"attributes": {"POSITION": floor}, "indices": fan}]}));
     b.push("meshes", json!({"primitives": [ball]}));
@@ -170,7 +173,8 @@ fn rays_meet_what_they_would_meet_if_every_copy_were_stored() {
         let [mut hits, mut blocked, mut inside] = [0; 3];
         for ray in rays(&stored, &plain, 150_000) {
             let [a, b] = [tracer.closest_hit(&ray), plain.closest_hit(&ray)];
-            let whole = |h: Option<Hit>| h.map(|h| (h.triangle, h.t.to_bits(), h.b.to_array().map(f32::to_bits), h.front));
+            let whole =
+                |h: Option<Hit>| h.map(|h| (h.triangle, h.t.to_bits(), h.b.to_array().map(f32::to_bits), h.front));
             assert_eq!(whole(a), whole(b), "{ray:?}");
             assert_eq!(tracer.occluded(&ray), plain.occluded(&ray), "{ray:?}");
             assert_eq!(tracer.leaves_solid(&ray), plain.leaves_solid(&ray), "{ray:?}");
@@ -206,6 +210,16 @@ fn light_is_the_same_bits() {
     });
     assert!(a.0.len() > 2_000 && a.1.iter().any(|e| e.x > 1.0));
     assert!(a == b, "not the same bits");
+}
+
+#[test]
+fn instances_can_be_left_without_light() {
+    let b = forest(&odd_places()[..3], true, 4);
+    let settings = Settings { skip_instances: true, ..Settings::default() };
+    let scene = load_bytes(b.glb(&[]), Path::new("a.glb"), &settings).unwrap().output;
+    let receives: Vec<bool> = scene.parts.iter().map(|p| p.receives).collect();
+    // The leaf stands there only once.
+    assert_eq!(receives, [true, false, true, false]);
 }
 
 /// Memory is asked for by address space: with all copies stored, the triangles alone would take 10 GB.

@@ -34,9 +34,11 @@ use glam::Vec3;
 use glam::Vec4;
 use std::collections::BTreeMap;
 
-/// Most vertices, and most triangles, of a scene with all instances. Ids have 32 bits; 2²⁷ vertices already take about
+/// Most vertices, and most triangles, that are stored or get light, with all instances; 2²⁷ vertices already take about
 /// 7 GB. A small document can name one mesh from many nodes, so this must be known before memory is taken.
 const MAX_ELEMENTS: usize = 1 << 27;
+/// The same with copies, of which only transforms are stored: ids have 32 bits, some of them for flags.
+const MAX_IDS: usize = 1 << 28;
 
 /// Largest coordinate [m]. Beyond it neighbouring floats are a metre apart, and every ray test fails.
 const MAX_COORDINATE: f32 = 1e7;
@@ -123,9 +125,12 @@ pub(super) fn read(
     });
     let joints = joints.collect::<Result<Vec<_>, _>>()?;
     let mut sharing = Sharing::new(document, &plans, &mut locals, share_from);
+    let is_copied = |plan: &Plan| sharing.shared[plan.source] && copies::is_shareable(walk.worlds[plan.placed.node]);
+    let counted = plans.iter().filter(|plan| !is_copied(plan)).map(|plan| (plan.placed.node, plan.size));
+    check_counts(counted, |node| document.root.node_name(node), "stores")?;
     let placed = parallel::map(plans.len(), |i| {
         let (source, world) = (plans[i].source, walk.worlds[plans[i].placed.node]);
-        if sharing.shared[source] && copies::is_shareable(world) {
+        if is_copied(&plans[i]) {
             return copied(document, &plans[i], &locals[source], world);
         }
         place(document, &plans[i], &locals[source], world, &joints).map(Placing::Stored)
@@ -166,6 +171,36 @@ fn copied(document: &Document, plan: &Plan, local: &LocalPrimitive, world: DMat4
     let placement = Placement::new(world);
     check_range(document, plan, local.position.iter().map(|p| placement.position(*p)))?;
     Ok(Placing::Copied { placement, flat: local.normal.is_none() })
+}
+
+/// Refuses what would take too much memory: vertices and triangles by node.
+fn check_counts(
+    counted: impl Iterator<Item = (usize, Size)>,
+    name: impl Fn(usize) -> String,
+    does: &str,
+) -> Result<(), Error> {
+    let (mut vertices, mut triangles) = (0usize, 0usize);
+    for (node, size) in counted {
+        (vertices, triangles) = (vertices + size.vertices, triangles + size.triangles);
+        if vertices > MAX_ELEMENTS || triangles > MAX_ELEMENTS {
+            return Err(too_many(MAX_ELEMENTS, does, &name(node)));
+        }
+    }
+    Ok(())
+}
+
+/// Refuses a scene of which too much is to get a lightmap: that is not shared among copies.
+pub(super) fn check_lit(parts: &[Part]) -> Result<(), Error> {
+    let size = |p: &Part| Size { vertices: p.vertices.len(), triangles: p.triangles.len() };
+    let lit = parts.iter().enumerate().filter(|(_, p)| p.receives).map(|(i, p)| (i, size(p)));
+    check_counts(lit, |i| parts[i].name.clone(), "lights")
+}
+
+fn too_many(most: usize, does: &str, node: &str) -> Error {
+    Error::unsupported(format!(
+        "with all instances the scene {does} more than {most} vertices or triangles (at node {node}); bake it in several \
+         pieces"
+    ))
 }
 
 /// All vertices of a part lie where rays can be traced.
@@ -229,11 +264,8 @@ fn plan(
             }
             vertices = vertices.saturating_add(size.vertices);
             triangles = triangles.saturating_add(size.triangles);
-            if vertices > MAX_ELEMENTS || triangles > MAX_ELEMENTS {
-                return Err(Error::unsupported(format!(
-                    "with all instances the scene has more than {MAX_ELEMENTS} vertices or triangles (at node {name}); \
-                     bake it in several pieces"
-                )));
+            if vertices > MAX_IDS || triangles > MAX_IDS {
+                return Err(too_many(MAX_IDS, "has", &name));
             }
             plans.push(Plan { placed: *placed, mesh, primitive, size, source });
         }

@@ -2,6 +2,7 @@
 
 use super::Document;
 use super::Error;
+use super::Part;
 use super::Rule;
 use super::Scene;
 use super::Sky;
@@ -16,6 +17,7 @@ use super::nodes;
 use super::punctual;
 use super::treat::Treater;
 use crate::base::Warned;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// What to take from the document, and what it cannot say.
@@ -31,6 +33,8 @@ pub struct Settings {
     pub light_radius: Option<f32>,
     /// What to do otherwise with what has certain names; later ones win.
     pub rules: Vec<Rule>,
+    /// What is placed more than once gets no lightmap.
+    pub skip_instances: bool,
     /// Store geometry that several nodes place once, where that leaves out so many triangles or more; `None` = from
     /// [`SHARE_FROM`] on. Nothing but memory and time depends on it.
     pub share_from: Option<usize>,
@@ -56,6 +60,13 @@ pub fn load_bytes(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Wa
     assemble(bytes, path, settings).map_err(|e| e.in_file(path))
 }
 
+/// Takes the lightmap from primitives that several nodes place.
+fn skip_instances(parts: &mut [Part]) {
+    let mut placed: BTreeMap<(usize, usize), usize> = BTreeMap::new();
+    parts.iter().for_each(|p| *placed.entry((p.mesh, p.primitive)).or_default() += 1);
+    parts.iter_mut().for_each(|p| p.receives &= placed[&(p.mesh, p.primitive)] == 1);
+}
+
 fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<Scene>, Error> {
     let mut warnings = Vec::new();
     let mut document = Document::parse(bytes, path, &mut warnings)?;
@@ -73,6 +84,10 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
     }
     let mut treater = Treater::new(&document.root, &walk, &settings.rules, &mut warnings);
     let parts_groups = treater.parts(&walk, &mut geometry.parts, &materials, &mut warnings)?;
+    if settings.skip_instances {
+        skip_instances(&mut geometry.parts);
+    }
+    geometry::check_lit(&geometry.parts)?;
     let sizes = [settings.sun_angle, settings.light_radius];
     let (lights, lights_groups) = punctual::read(&document.root, &walk, sizes, &mut treater, &mut warnings)?;
     warnings.extend(treater.unused());

@@ -24,6 +24,7 @@ use super::build::item;
 use super::lanes::Eight;
 use super::lanes::Lanes;
 use super::lanes::SLACK;
+use super::split::Item;
 use super::stack::Stack;
 use super::traverse::Best;
 use super::traverse::Slab;
@@ -60,6 +61,8 @@ pub(super) struct Shared {
 /// A primitive in its own space.
 struct Mesh {
     hierarchy: Hierarchy,
+    /// Corners of its triangles, each once; empty when all copies are made.
+    points: Vec<Vec3>,
 }
 
 /// A part that has the triangles of a mesh.
@@ -115,16 +118,17 @@ impl Shared {
         let sources: Vec<Range<u32>> = sources.into_iter().flatten().collect();
         let opaque = |copied: &Copied<'_>| scene.materials[scene.parts[copied.part].material].is_opaque();
         let is_opaque: BTreeMap<u32, bool> = kept.iter().map(|c| (c.stored, opaque(c))).collect();
-        let meshes: Vec<Mesh> = sources.iter().map(|range| Mesh::new(scene, range.clone(), is_opaque[&range.start])).collect();
+        let mut meshes: Vec<Mesh> =
+            sources.iter().map(|range| Mesh::new(scene, range.clone(), is_opaque[&range.start])).collect();
         let copies = parallel::map(kept.len(), |k| {
             let mesh = stored[&kept[k].stored];
-            Copy::new(scene, &kept[k], mesh, sources[mesh as usize].clone())
+            Copy::new(scene, &kept[k], mesh, &meshes[mesh as usize].points)
         });
         let all = copies.iter().map(|(_, bounds)| *bounds).reduce(both);
         let triangle_count = copies.iter().map(|(copy, _)| meshes[copy.mesh as usize].hierarchy.triangle_count).sum();
         let copies: Vec<Copy> = copies.into_iter().map(|(copy, _)| copy).collect();
-        let mut shared =
-            Self { meshes, copies, tree: vec![], bounds: all.unwrap_or_default(), triangle_count };
+        meshes.iter_mut().for_each(|mesh| mesh.points = vec![]);
+        let mut shared = Self { meshes, copies, tree: vec![], bounds: all.unwrap_or_default(), triangle_count };
         let mut order: Vec<u32> = (0..shared.copies.len() as u32).collect();
         if !order.is_empty() {
             shared.fork(&mut order);
@@ -152,15 +156,13 @@ impl Shared {
             let (low, high) = self.copies[c as usize].bounds;
             low + (high - low) * 0.5
         };
-        let (low, high) = order.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), &c| {
-            (low.min(middle(c)), high.max(middle(c)))
-        });
+        let (low, high) = order
+            .iter()
+            .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), &c| (low.min(middle(c)), high.max(middle(c))));
         let axis = (high - low).max_position();
         let half = order.len().div_ceil(2).min(order.len() - usize::from(order.len() > 1));
         if order.len() > 1 {
-            order.select_nth_unstable_by(half, |&a, &b| {
-                middle(a)[axis].total_cmp(&middle(b)[axis]).then(a.cmp(&b))
-            });
+            order.select_nth_unstable_by(half, |&a, &b| middle(a)[axis].total_cmp(&middle(b)[axis]).then(a.cmp(&b)));
         }
         let number = self.tree.len();
         let nothing = (Vec3::INFINITY, Vec3::NEG_INFINITY);
@@ -230,7 +232,8 @@ impl Shared {
         loop {
             if let Some((packet, count)) = child.as_packet() {
                 let packet = &hierarchy.packets[packet];
-                let mut mask = within.lanes.filter_within::<true>(packet, &within.shear, within.slack) & ((1 << count) - 1);
+                let mut mask =
+                    within.lanes.filter_within::<true>(packet, &within.shear, within.slack) & ((1 << count) - 1);
                 while mask != 0 {
                     let lane = mask.trailing_zeros() as usize % WIDTH;
                     mask &= mask - 1;
@@ -343,23 +346,21 @@ fn entry_of((low, high): (Vec3, Vec3), origin: DVec3, inverse: DVec3, bound: f32
 impl Mesh {
     fn new(scene: &Scene, stored: Range<u32>, opaque: bool) -> Self {
         let corners = |t: u32| scene.stored_positions(t + stored.start);
-        let items = (0..stored.end - stored.start).filter_map(|t| item(t, corners(t), opaque)).collect();
-        Self { hierarchy: Hierarchy::of(items, corners) }
+        let items: Vec<Item> = (0..stored.end - stored.start).filter_map(|t| item(t, corners(t), opaque)).collect();
+        let key = |p: &Vec3| p.to_array().map(f32::to_bits);
+        let mut points: Vec<Vec3> = items.iter().flat_map(|i| corners(i.triangle)).collect();
+        points.sort_unstable_by_key(key);
+        points.dedup_by_key(|p| key(p));
+        Self { hierarchy: Hierarchy::of(items, corners), points }
     }
 }
 
 impl Copy {
     /// And its box, unpadded [m].
-    fn new(scene: &Scene, copied: &Copied<'_>, mesh: u32, stored: Range<u32>) -> (Self, (Vec3, Vec3)) {
+    fn new(scene: &Scene, copied: &Copied<'_>, mesh: u32, points: &[Vec3]) -> (Self, (Vec3, Vec3)) {
         let placement = copied.placement.clone();
         let nothing = (Vec3::INFINITY, Vec3::NEG_INFINITY);
-        let (low, high) = stored.fold(nothing, |bounds, t| {
-            let corners = scene.stored_positions(t).map(|p| placement.position(p));
-            if item(t, corners, true).is_none() {
-                return bounds;
-            }
-            corners.iter().fold(bounds, |(low, high), p| (low.min(*p), high.max(*p)))
-        });
+        let (low, high) = points.iter().map(|p| placement.position(*p)).fold(nothing, |b, p| both(b, (p, p)));
         let reach = low.abs().max(high.abs()).max_element();
         let pad = PAD * reach;
         let bounds = (

@@ -95,7 +95,10 @@ fn primvars(bake: &Bake<'_>, text: &mut Text, p: usize, shape: &Shape<'_>) {
     for (set, uv) in vertices.uv.iter().enumerate() {
         let own = set == 0 && primitive.attributes.contains_key("TEXCOORD_0");
         if uv.len() == vertices.position.len() && (own || read.contains(&set)) {
-            let upwards = shape.attribute(|v| bake.scene.vertex_uv(set, v).unwrap_or_default()).into_iter().map(|uv| tuple(&[uv.x, 1.0 - uv.y]));
+            let upwards = shape
+                .attribute(|v| bake.scene.vertex_uv(set, v).unwrap_or_default())
+                .into_iter()
+                .map(|uv| tuple(&[uv.x, 1.0 - uv.y]));
             text.list(&format!("texCoord2f[] primvars:{}", varname(set)), upwards, PER_VERTEX);
         }
     }
