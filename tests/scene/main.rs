@@ -32,6 +32,8 @@ const NONE: Settings = Settings {
     sun_angle: None,
     light_radius: None,
     rules: vec![],
+    skip_instances: false,
+    share_from: None,
 };
 
 fn load_with(b: &Builder, settings: &Settings) -> Warned<Scene> {
