@@ -184,7 +184,7 @@ fn load(input: &Path, settings: &Settings) -> Result<Warned<Scene>, scene::Error
         sun_angle: settings.sun_angle.map(f32::to_radians),
         light_radius: settings.light_radius,
         rules: settings.rules.clone(),
-        skip_instances: false,
+        instances: settings.scene_instances(),
         share_from: None,
     };
     let mut loaded = scene::load(input, &how)?;

@@ -91,7 +91,13 @@ pub struct MaterialFacts {
 /// As for `bake`, without writing.
 pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
     let (sky, rules) = (settings.sky(), settings.rules.clone());
-    let how = scene::Settings { scene: settings.scene, sky, rules, ..scene::Settings::default() };
+    let how = scene::Settings {
+        scene: settings.scene,
+        sky,
+        rules,
+        instances: settings.scene_instances(),
+        ..scene::Settings::default()
+    };
     let loaded = scene::load(input, &how)?;
     let scene = loaded.output;
     let charted = atlas::build(

@@ -8,12 +8,13 @@ mod choices;
 mod color;
 mod directional;
 mod formats;
+mod instances;
 mod rules;
 
 pub use choices::{Aov, DirectMode, Directional, Preset, Quantity, SplatMode, Target, UvMode, VertexAttribute};
+pub use instances::InstancesMode;
 
 use crate::atlas::MOST_MIPS;
-use crate::atlas::Uv;
 use crate::base::Rgb;
 use crate::output::formats::Format;
 use crate::scene::{Rule, Sky};
@@ -48,6 +49,9 @@ pub struct Options {
     /// Which lightmap UVs to use
     #[arg(long, value_enum, value_name = "MODE", help_heading = "Lightmap")]
     pub uv: Option<UvMode>,
+    /// What meshes get that several nodes place
+    #[arg(long, value_enum, value_name = "MODE", help_heading = "Lightmap")]
+    pub instances: Option<InstancesMode>,
     /// Cut triangles, and charts, along the lines where other surfaces meet them, so that walls thinner than two texels
     /// are tight; adds vertices [default: false]
     #[arg(
@@ -224,6 +228,9 @@ pub struct Settings {
     pub mips: u32,
     /// Which UVs.
     pub uv: UvMode,
+    /// What meshes get that several nodes place.
+    #[serde(skip_serializing_if = "InstancesMode::is_unique")]
+    pub instances: InstancesMode,
     /// Triangles are cut where other surfaces meet them.
     #[serde(skip_serializing_if = "core::ops::Not::not")]
     pub cut_contacts: bool,
@@ -355,6 +362,7 @@ impl Options {
             padding,
             mips,
             uv,
+            instances,
             cut_contacts,
             quantity,
             format,
@@ -410,6 +418,7 @@ impl Options {
             padding: within("--padding", self.padding.unwrap_or(2), 0, 64)?,
             mips: within("--mips", self.mips.unwrap_or(0), 0, MOST_MIPS)?.max(self.least_mips()),
             uv: self.uv.unwrap_or(UvMode::Auto),
+            instances: self.instances(),
             cut_contacts: self.cut_contacts.unwrap_or(false),
             quantity: self.quantity.unwrap_or(Quantity::Radiosity),
             format: self.formats()?,
@@ -507,16 +516,6 @@ impl Settings {
     pub fn sky(&self) -> Sky {
         let [zenith, horizon, ground] = self.sky.map(Rgb::from_array);
         Sky { zenith, horizon, ground }
-    }
-
-    /// The atlas stage's word for `uv`.
-    #[must_use]
-    pub fn atlas_uv(&self) -> Uv {
-        match self.uv {
-            UvMode::Auto => Uv::Auto,
-            UvMode::Keep => Uv::Keep,
-            UvMode::Generate => Uv::Generate,
-        }
     }
 }
 

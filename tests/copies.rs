@@ -16,14 +16,14 @@ use solve::Stage;
 use std::path::Path;
 use support::{blob, direction, point, stream};
 use texelwalk::base::Rgb;
-use texelwalk::scene::{Rule, Scene, Settings, Sky, load_bytes};
+use texelwalk::scene::{Instances, Rule, Scene, Settings, Sky, load_bytes};
 use texelwalk::trace::{Hit, Ray, Tracer};
 use texelwalk::walk::Splat;
 
 /// A floor, a bumpy ball, and a leaf whose texture is half holes; the ball and the leaf are placed by `nodes`.
 fn forest(nodes: &[DMat4], normals: bool, cells: usize) -> Builder {
     let mut b = Builder::new();
-    let side = 40.0;
+    let side = if nodes.len() > 1_000 { 40.0 } else { 10.0 };
     let floor = b.floats("VEC3", &[-side, -0.6, side, side, -0.6, side, side, -0.6, -side, -side, -0.6, -side]);
     let fan = b.accessor(5123, "SCALAR", 6, &gltf_builder::words(&[0, 1, 2, 0, 2, 3]), json!({}));
     let ball = mesh(&mut b, &blob(cells, 0.1), normals, 0);
@@ -40,6 +40,7 @@ fn forest(nodes: &[DMat4], normals: bool, cells: usize) -> Builder {
     b.push("meshes", json!({"primitives": [ball]}));
     b.push("meshes", json!({"primitives": [leaf]}));
     b.push("nodes", json!({"mesh": 0, "name": "Floor"}));
+    b.push("scenes", json!({"nodes": (0..=nodes.len()).collect::<Vec<_>>()}));
     for (i, world) in nodes.iter().enumerate() {
         let matrix = world.to_cols_array();
         b.push("nodes", json!({"mesh": 1 + i % 2, "name": format!("Tree {i}"), "matrix": matrix}));
@@ -215,11 +216,57 @@ fn light_is_the_same_bits() {
 #[test]
 fn instances_can_be_left_without_light() {
     let b = forest(&odd_places()[..3], true, 4);
-    let settings = Settings { skip_instances: true, ..Settings::default() };
+    let settings = Settings { instances: Instances::Skip, ..Settings::default() };
     let scene = load_bytes(b.glb(&[]), Path::new("a.glb"), &settings).unwrap().output;
     let receives: Vec<bool> = scene.parts.iter().map(|p| p.receives).collect();
     // The leaf stands there only once.
     assert_eq!(receives, [true, false, true, false]);
+}
+
+fn bake(folder: &Path, options: &[&str]) -> Value {
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_texelwalk"));
+    let input = folder.join("in.glb");
+    command.arg("bake").arg(&input).arg("-o").arg(folder.join("out.gltf")).args(options);
+    let out = command.args(["-q", "--preset", "preview", "--texels-per-meter", "4", "--sky", "1"]).output().unwrap();
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    serde_json::from_slice(&std::fs::read(folder.join("out.gltf")).unwrap()).unwrap()
+}
+
+/// Set of the lightmap coordinates of a node's mesh.
+fn layout(document: &Value, node: usize) -> Option<u64> {
+    let mesh = document["nodes"][node]["mesh"].as_u64()? as usize;
+    document["meshes"][mesh]["primitives"][0]["attributes"]["TEXCOORD_1"].as_u64()
+}
+
+#[test]
+fn instances_show_one_lightmap_where_they_share_it() {
+    let places = [[0.0, 0.0, 0.0], [9.0, 0.0, 9.0], [3.0, 0.0, 0.0], [6.0, 0.0, 9.0], [0.0, 0.0, 5.0]];
+    let b = forest(&places.map(|p| DMat4::from_translation(DVec3::from(p))), true, 4);
+    let home = tempfile::tempdir().unwrap();
+    std::fs::write(home.path().join("in.glb"), b.glb(&[])).unwrap();
+    let unique = bake(home.path(), &[]);
+    let own: Vec<_> = [1, 3, 5].map(|n| layout(&unique, n)).to_vec();
+    assert!(own.iter().all(Option::is_some) && own[0] != own[1] && own[1] != own[2]);
+    let shared = bake(home.path(), &["--instances", "shared"]);
+    let layouts: Vec<_> = (0..6).map(|n| layout(&shared, n)).collect();
+    assert!(layouts.iter().all(Option::is_some));
+    assert!(layouts[1] == layouts[3] && layouts[3] == layouts[5] && layouts[2] == layouts[4], "{layouts:?}");
+    assert_ne!(layouts[1], layouts[2]);
+    let skip = bake(home.path(), &["--instances", "skip"]);
+    assert!(layout(&skip, 0).is_some() && (1..6).all(|n| layout(&skip, n).is_none()));
+    // One of the balls keeps its own.
+    let rules = "[[rules]]\nnodes = [\"Tree 2\"]\ninstances = \"unique\"\n";
+    std::fs::write(home.path().join("rules.toml"), rules).unwrap();
+    let config = home.path().join("rules.toml");
+    let mixed = bake(home.path(), &["--instances", "shared", "--config", config.to_str().unwrap()]);
+    let layouts: Vec<_> = (0..6).map(|n| layout(&mixed, n)).collect();
+    assert!(layouts[1] == layouts[5] && layouts[1] != layouts[3] && layouts[3].is_some(), "{layouts:?}");
+    let program = env!("CARGO_BIN_EXE_texelwalk");
+    let check = std::process::Command::new(program).arg("check").arg(home.path().join("out.gltf")).output().unwrap();
+    let told = String::from_utf8_lossy(&check.stdout).into_owned();
+    assert!(check.status.success(), "{told}");
+    let line = |name: &str| told.lines().find(|l| l.contains(name)).unwrap_or_default().to_owned();
+    assert!(line("uv-overlap").contains("ok") && line("uv-missing").contains("ok"), "{told}");
 }
 
 /// Memory is asked for by address space: with all copies stored, the triangles alone would take 10 GB.

@@ -2,16 +2,17 @@
 
 use crate::base::Warning;
 use crate::output::report;
-use crate::scene::{Scene, Treatment};
+use crate::scene::{Instances, Scene, Treatment};
 use crate::settings::{DirectMode, Settings};
 
 /// Primitives that are not treated as usual, in the order of the scene.
 pub(super) fn facts(scene: &Scene) -> Vec<report::Treated> {
     let group = |p: usize| scene.groups.parts.get(p).cloned().flatten();
-    let told = |&p: &usize| scene.parts[p].treatment != Treatment::default() || group(p).is_some();
+    let usual = |p: usize| Treatment { instances: Instances::default(), ..scene.parts[p].treatment };
+    let told = |&p: &usize| usual(p) != Treatment::default() || group(p).is_some();
     let fact = |p: usize| {
         let part = &scene.parts[p];
-        let Treatment { density, receives, casts, emission } = part.treatment;
+        let Treatment { density, receives, casts, emission, .. } = part.treatment;
         let mesh = [part.mesh, part.primitive];
         report::Treated { node: part.name.clone(), mesh, density, receives, casts, emission, light_group: group(p) }
     };

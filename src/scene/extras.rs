@@ -1,6 +1,6 @@
 //! Wishes of the document itself: the object `extras.texelwalk` of a node, mesh, material or light.
 //!
-//! Keys: `density`, `receives`, `casts`, `emission`, `intensity`, `light_group`, as in rules. Meshes and materials have no
+//! Keys: `density`, `receives`, `casts`, `emission`, `instances`, `intensity`, `light_group`, as in rules. Meshes and materials have no
 //! `intensity`, lights only `intensity` and `light_group`. Truth may be written as 0 and 1, as some exporters do.
 //!
 //! Extras may hold anything, and what others put there does not matter. What is wrong within `texelwalk` is ignored with a
@@ -13,9 +13,10 @@ use serde_json::Value;
 use serde_json::value::RawValue;
 
 /// Keys that a node may have: for the surfaces and lights that it places, and for those below it.
-pub(super) const OF_NODES: &[&str] = &["density", "receives", "casts", "emission", "intensity", "light_group"];
+pub(super) const OF_NODES: &[&str] =
+    &["density", "receives", "casts", "emission", "instances", "intensity", "light_group"];
 /// Keys of meshes and materials.
-pub(super) const OF_SURFACES: &[&str] = &["density", "receives", "casts", "emission", "light_group"];
+pub(super) const OF_SURFACES: &[&str] = &["density", "receives", "casts", "emission", "instances", "light_group"];
 /// Keys of lights.
 pub(super) const OF_LIGHTS: &[&str] = &["intensity", "light_group"];
 
@@ -91,6 +92,12 @@ pub(super) fn read(own: &Own, keys: &[&str], owner: &str, warnings: &mut Vec<War
                     wrong("bad-extras", "a finite number that is not negative");
                 }
                 *(if key == "emission" { &mut wishes.emission } else { &mut wishes.intensity }) = factor;
+            }
+            "instances" => {
+                wishes.instances = serde_json::from_value(value.clone()).ok();
+                if wishes.instances.is_none() {
+                    wrong("bad-extras", "\"unique\", \"shared\" or \"skip\"");
+                }
             }
             _ => {
                 wishes.light_group = value.as_str().map(str::trim).filter(|n| !n.is_empty()).map(str::to_owned);

@@ -2,7 +2,7 @@
 
 use super::Document;
 use super::Error;
-use super::Part;
+use super::Instances;
 use super::Rule;
 use super::Scene;
 use super::Sky;
@@ -12,12 +12,12 @@ use super::extensions;
 use super::geometry;
 use super::group::Groups;
 use super::images;
+use super::instances;
 use super::material;
 use super::nodes;
 use super::punctual;
 use super::treat::Treater;
 use crate::base::Warned;
-use std::collections::BTreeMap;
 use std::path::Path;
 
 /// What to take from the document, and what it cannot say.
@@ -33,8 +33,8 @@ pub struct Settings {
     pub light_radius: Option<f32>,
     /// What to do otherwise with what has certain names; later ones win.
     pub rules: Vec<Rule>,
-    /// What is placed more than once gets no lightmap.
-    pub skip_instances: bool,
+    /// What meshes get that several nodes place, unless rules or `extras` say otherwise.
+    pub instances: Instances,
     /// Store geometry that several nodes place once, where that leaves out so many triangles or more; `None` = from
     /// [`SHARE_FROM`] on. Nothing but memory and time depends on it.
     pub share_from: Option<usize>,
@@ -60,13 +60,6 @@ pub fn load_bytes(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Wa
     assemble(bytes, path, settings).map_err(|e| e.in_file(path))
 }
 
-/// Takes the lightmap from primitives that several nodes place.
-fn skip_instances(parts: &mut [Part]) {
-    let mut placed: BTreeMap<(usize, usize), usize> = BTreeMap::new();
-    parts.iter().for_each(|p| *placed.entry((p.mesh, p.primitive)).or_default() += 1);
-    parts.iter_mut().for_each(|p| p.receives &= placed[&(p.mesh, p.primitive)] == 1);
-}
-
 fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<Scene>, Error> {
     let mut warnings = Vec::new();
     let mut document = Document::parse(bytes, path, &mut warnings)?;
@@ -82,11 +75,9 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
     if geometry.triangles.is_empty() {
         return Err(Error::invalid("nothing to bake: the scene has no visible triangles"));
     }
-    let mut treater = Treater::new(&document.root, &walk, &settings.rules, &mut warnings);
+    let mut treater = Treater::new(&document.root, &walk, settings, &mut warnings);
     let parts_groups = treater.parts(&walk, &mut geometry.parts, &materials, &mut warnings)?;
-    if settings.skip_instances {
-        skip_instances(&mut geometry.parts);
-    }
+    let shown = instances::resolve(&mut geometry.parts);
     geometry::check_lit(&geometry.parts)?;
     let sizes = [settings.sun_angle, settings.light_radius];
     let (lights, lights_groups) = punctual::read(&document.root, &walk, sizes, &mut treater, &mut warnings)?;
@@ -118,6 +109,7 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         cameras,
         offset: geometry.offset,
         copies: geometry.copies,
+        shown,
         cuts: super::Cuts::default(),
     };
     warnings.iter_mut().for_each(|w| w.message = error::one_line(&w.message));

@@ -30,6 +30,7 @@ mod extras;
 mod geometry;
 mod group;
 mod images;
+mod instances;
 mod instancing;
 mod light;
 mod load;
@@ -54,6 +55,7 @@ pub use document::Document;
 pub use environment::Environment;
 pub use error::{Class, Error};
 pub use group::Groups;
+pub use instances::Instances;
 pub use light::{Light, Sky};
 pub use load::{SHARE_FROM, Settings, load, load_bytes};
 pub use material::{Alpha, Material, TextureRef, Translucency};
@@ -96,6 +98,8 @@ pub struct Scene {
     pub offset: DVec3,
     /// Which parts share what `vertices` and `triangles` hold; see [`Scene::corners`] and what is beside it.
     pub copies: Copies,
+    /// Nodes that show the lightmap of another node, which places the same mesh: (node, the other), ascending.
+    pub shown: Vec<(usize, usize)>,
     /// How it differs from the document: triangles that were cut after reading it.
     pub cuts: Cuts,
 }

@@ -6,6 +6,7 @@
 //! Patterns are those of shells, case-sensitive: `*` any text, `?` any character, `[ab]` and `[a-z]` one of these, `[!a]`
 //! none of these; `[*]` is the character itself. They match whole names, `/` is a character like others.
 
+use super::Instances;
 use glob::Pattern;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -24,11 +25,13 @@ pub struct Treatment {
     pub casts: bool,
     /// Factor of the light that it emits.
     pub emission: f32,
+    /// What it gets where several nodes place its mesh.
+    pub instances: Instances,
 }
 
 impl Default for Treatment {
     fn default() -> Self {
-        Self { density: 1.0, receives: true, casts: true, emission: 1.0 }
+        Self { density: 1.0, receives: true, casts: true, emission: 1.0, instances: Instances::Unique }
     }
 }
 
@@ -41,6 +44,7 @@ pub(super) struct Wishes {
     pub(super) emission: Option<f32>,
     pub(super) intensity: Option<f32>,
     pub(super) light_group: Option<String>,
+    pub(super) instances: Option<Instances>,
 }
 
 impl Wishes {
@@ -53,6 +57,7 @@ impl Wishes {
             emission: self.emission.or(below.emission),
             intensity: self.intensity.or(below.intensity),
             light_group: self.light_group.or_else(|| below.light_group.clone()),
+            instances: self.instances.or(below.instances),
         }
     }
 
@@ -64,6 +69,7 @@ impl Wishes {
             receives: self.receives.unwrap_or(usual.receives),
             casts: self.casts.unwrap_or(usual.casts),
             emission: self.emission.unwrap_or(usual.emission),
+            instances: self.instances.unwrap_or(usual.instances),
         }
     }
 }
@@ -127,6 +133,9 @@ pub struct Rule {
     /// Factor of the light of lights.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub intensity: Option<f32>,
+    /// What meshes get that several nodes place: `unique`, `shared` or `skip`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub instances: Option<Instances>,
     /// Light group of lights and of what glows.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub light_group: Option<String>,
@@ -146,15 +155,17 @@ impl Rule {
             return Err("lights have no meshes and materials, so nothing can match it".into());
         }
         let for_surfaces = [self.density.is_some(), self.receives.is_some(), self.casts.is_some()];
-        let for_surfaces = for_surfaces.contains(&true) || self.emission.is_some();
+        let for_surfaces = for_surfaces.contains(&true) || self.emission.is_some() || self.instances.is_some();
         if for_surfaces && !self.lights.is_empty() {
-            return Err("density, receives, casts and emission are for surfaces, not for lights".into());
+            return Err("density, receives, casts, emission and instances are for surfaces, not for lights".into());
         }
         if self.intensity.is_some() && surfaces {
             return Err("intensity is for lights; surfaces have emission".into());
         }
         if !for_surfaces && self.intensity.is_none() && self.light_group.is_none() {
-            return Err("it says nothing: density, receives, casts, emission, intensity or light-group".into());
+            return Err(
+                "it says nothing: density, receives, casts, emission, instances, intensity or light-group".into()
+            );
         }
         let [low, high] = DENSITY;
         if let Some(bad) = self.density.filter(|v| !(low..=high).contains(v)) {
@@ -179,6 +190,7 @@ impl Rule {
             emission: self.emission,
             intensity: self.intensity,
             light_group: self.light_group.as_ref().map(|name| name.trim().to_owned()),
+            instances: self.instances,
         }
     }
 }

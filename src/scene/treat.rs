@@ -17,7 +17,7 @@ use super::nodes::Walk;
 use super::rules::{Glob, Rule, Treatment, Wishes};
 use super::schema::Root;
 use super::schema::label;
-use super::{Error, Material, Part, Scene};
+use super::{Error, Instances, Material, Part, Scene, Settings};
 use crate::base::Warning;
 use std::borrow::Cow;
 
@@ -33,6 +33,8 @@ struct OfNode {
 pub(super) struct Treater<'a> {
     root: &'a Root,
     rules: &'a [Rule],
+    /// Of what says nothing else.
+    instances: Instances,
     /// By rule.
     used: Vec<bool>,
     nodes: Vec<OfNode>,
@@ -60,7 +62,8 @@ fn owner(name: Option<&str>, kind: &str, index: usize) -> String {
 
 impl<'a> Treater<'a> {
     /// Reads the `extras` of everything.
-    pub(super) fn new(root: &'a Root, walk: &Walk, rules: &'a [Rule], warnings: &mut Vec<Warning>) -> Self {
+    pub(super) fn new(root: &'a Root, walk: &Walk, settings: &'a Settings, warnings: &mut Vec<Warning>) -> Self {
+        let rules = settings.rules.as_slice();
         let meshes = root
             .meshes
             .iter()
@@ -84,7 +87,16 @@ impl<'a> Treater<'a> {
         });
         let lights = lights.collect();
         let nodes = of_nodes(root, walk, rules, warnings);
-        Self { root, rules, used: vec![false; rules.len()], nodes, meshes, materials, lights }
+        Self {
+            root,
+            rules,
+            instances: settings.instances,
+            used: vec![false; rules.len()],
+            nodes,
+            meshes,
+            materials,
+            lights,
+        }
     }
 
     /// Treats all parts; the light groups of those that glow.
@@ -102,6 +114,7 @@ impl<'a> Treater<'a> {
             let material = &materials[part.material];
             let wishes = self.of_part(part, material);
             part.treatment = wishes.treatment();
+            part.treatment.instances = wishes.instances.unwrap_or(self.instances);
             part.receives &= part.treatment.receives;
             let glows = material.glows() && part.treatment.emission > 0.0;
             if glows && !(material.emission * part.treatment.emission).is_finite() {
@@ -141,6 +154,7 @@ impl<'a> Treater<'a> {
                 self.used[r] |= own.density.is_some()
                     || own.receives.is_some()
                     || own.casts.is_some()
+                    || own.instances.is_some()
                     || about_light && material.glows();
                 wishes = own.over(&wishes);
             }

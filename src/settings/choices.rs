@@ -1,5 +1,6 @@
 //! Options that are a choice between names.
 
+use crate::atlas::Uv;
 use serde::{Deserialize, Serialize};
 
 /// The named settings that ship with texelwalk.
@@ -84,6 +85,18 @@ pub enum UvMode {
     Keep,
     /// Always chart anew.
     Generate,
+}
+
+impl super::Settings {
+    /// The atlas stage's word for `uv`.
+    #[must_use]
+    pub fn atlas_uv(&self) -> Uv {
+        match self.uv {
+            UvMode::Auto => Uv::Auto,
+            UvMode::Keep => Uv::Keep,
+            UvMode::Generate => Uv::Generate,
+        }
+    }
 }
 
 /// What is baked to.

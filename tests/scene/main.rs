@@ -32,7 +32,7 @@ const NONE: Settings = Settings {
     sun_angle: None,
     light_radius: None,
     rules: vec![],
-    skip_instances: false,
+    instances: scene::Instances::Unique,
     share_from: None,
 };
 

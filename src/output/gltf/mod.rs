@@ -161,7 +161,9 @@ fn place_meshes<B>(
             splice.replace(&elements.meshes[instance.mesh], text);
         } else {
             let index = elements.meshes.len() + added.len();
-            splice.set(&elements.nodes[instance.node], "mesh", index.to_string())?;
+            for &node in core::iter::once(&instance.node).chain(&instance.also) {
+                splice.set(&elements.nodes[node], "mesh", index.to_string())?;
+            }
             added.push(text);
         }
     }

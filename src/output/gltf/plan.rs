@@ -5,7 +5,7 @@
 //! A primitive is baked if a chart lies on one of its triangles. Its lightmap is on `TEXCOORD_1`, unless textures of
 //! its material read a `TEXCOORD_1` that would have to change; then it is on the next free set. The first instance of a
 //! mesh takes the mesh's place if every node that uses the mesh is baked; all other instances go behind the existing
-//! meshes.
+//! meshes. Nodes that show the lightmap of another node get the mesh of that one.
 
 use super::material::Use;
 use super::material::Users;
@@ -38,6 +38,8 @@ pub(super) struct Instance<B> {
     pub(super) baked: BTreeMap<usize, B>,
     /// It replaces the source mesh.
     pub(super) in_place: bool,
+    /// Further nodes that show the same.
+    pub(super) also: Vec<usize>,
 }
 
 /// A primitive with light on it.
@@ -135,12 +137,15 @@ pub(super) fn instances<B>(
 ) -> Result<Vec<Instance<B>>, Error> {
     let mut all: Vec<Instance<B>> = Vec::new();
     let mut by_node: BTreeMap<usize, usize> = BTreeMap::new();
+    let mut shown: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    scene.shown.iter().for_each(|&(node, other)| shown.entry(other).or_default().push(node));
     for (p, baked) in parts {
         primitive(scene, elements, p)?;
         let part = &scene.parts[p];
         let at = *by_node.entry(part.node).or_insert(all.len());
         if at == all.len() {
-            all.push(Instance { node: part.node, mesh: part.mesh, baked: BTreeMap::new(), in_place: false });
+            let also = shown.remove(&part.node).unwrap_or_default();
+            all.push(Instance { node: part.node, mesh: part.mesh, baked: BTreeMap::new(), in_place: false, also });
         }
         if all[at].mesh != part.mesh || all[at].baked.insert(part.primitive, baked).is_some() {
             let message = format!("{}: one node places a primitive twice, which glTF cannot express", part.name);
@@ -148,8 +153,9 @@ pub(super) fn instances<B>(
         }
     }
     let mut unbaked_meshes: BTreeSet<usize> = BTreeSet::new();
+    let shows: BTreeSet<usize> = all.iter().flat_map(|i| i.also.iter().copied()).collect();
     for (n, node) in elements.nodes.iter().enumerate() {
-        if !by_node.contains_key(&n) {
+        if !by_node.contains_key(&n) && !shows.contains(&n) {
             unbaked_meshes.extend(node.index_at("mesh"));
         }
     }
