@@ -192,6 +192,10 @@ fn light(scene: &Scene, index: usize) -> String {
         Light::Sun { illuminance: i, .. } => format!("sun {:.3} {:.3} {:.3} lx", i.x, i.y, i.z),
         Light::Point { intensity: i, .. } => format!("point {:.3} {:.3} {:.3} cd", i.x, i.y, i.z),
         Light::Spot { intensity: i, .. } => format!("spot {:.3} {:.3} {:.3} cd", i.x, i.y, i.z),
+        Light::Profiled { factor, profile, .. } => {
+            let [i, flux] = [profile.peak(), profile.flux()].map(|of| *factor * of);
+            format!("lamp {:.3} {:.3} {:.3} cd at most, {:.3} {:.3} {:.3} lm", i.x, i.y, i.z, flux.x, flux.y, flux.z)
+        }
     };
     what + &group
 }

@@ -8,7 +8,8 @@ use super::schema::Root;
 use crate::base::Warning;
 
 /// Read and honoured.
-const IMPLEMENTED: [&str; 15] = [
+const IMPLEMENTED: [&str; 16] = [
+    "EXT_lights_ies",
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_webp",

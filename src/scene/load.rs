@@ -11,6 +11,7 @@ use super::extensions;
 use super::geometry;
 use super::group::Groups;
 use super::images;
+use super::lamps;
 use super::material;
 use super::nodes;
 use super::punctual;
@@ -64,10 +65,11 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
     if geometry.triangles.is_empty() {
         return Err(Error::invalid("nothing to bake: the scene has no visible triangles"));
     }
+    let profiles = lamps::read(&mut document, &walk, &mut warnings)?;
     let mut treater = Treater::new(&document.root, &walk, &settings.rules, &mut warnings);
     let parts_groups = treater.parts(&walk, &mut geometry.parts, &materials, &mut warnings)?;
     let sizes = [settings.sun_angle, settings.light_radius];
-    let (lights, lights_groups) = punctual::read(&document.root, &walk, sizes, &mut treater, &mut warnings)?;
+    let (lights, lights_groups) = punctual::read(&document.root, &walk, &profiles, sizes, &mut treater, &mut warnings)?;
     warnings.extend(treater.unused());
     let mut used = vec![false; materials.len()];
     geometry.parts.iter().for_each(|part| used[part.material] = true);

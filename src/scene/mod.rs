@@ -13,7 +13,7 @@
 //!
 //! Codes of warnings: `animated-node`, `bad-alpha-mode`, `bad-camera`, `bad-color`, `bad-extras`, `bad-light`,
 //! `bad-light-group`, `bad-normals`, `bad-sampler`, `bad-texcoord`, `byte-order-mark`, `dark-emitter`, `deforming-mesh`,
-//! `factor-out-of-range`, `incomplete-triangle`, `missing-texcoord`, `no-positions`, `no-triangles`, `not-a-root`, `not-triangles`,
+//! `factor-out-of-range`, `ies-tilt`, `incomplete-triangle`, `missing-texcoord`, `no-positions`, `no-triangles`, `not-a-root`, `not-triangles`,
 //! `trailing-bytes`, `unsupported-extension`, `unused-rule`.
 
 mod accessor;
@@ -28,8 +28,10 @@ mod extensions;
 mod extras;
 mod geometry;
 mod group;
+pub mod ies;
 mod images;
 mod instancing;
+mod lamps;
 mod light;
 mod load;
 mod material;
@@ -39,6 +41,7 @@ mod optics;
 mod origin;
 mod pose;
 mod primitive;
+mod profile;
 mod punctual;
 mod rules;
 pub mod schema;
@@ -56,6 +59,7 @@ pub use light::{Light, Sky};
 pub use load::{Settings, load, load_bytes};
 pub use material::{Alpha, Material, TextureRef, Translucency};
 pub use origin::{Cuts, Origin};
+pub use profile::Profile;
 pub use rules::{Glob, Rule, Treatment};
 pub use texture::{Texture, Wrap};
 

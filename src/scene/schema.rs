@@ -15,6 +15,7 @@
 pub use super::draco::Draco;
 pub use super::extras::Own;
 pub use super::instancing::Instancing;
+pub use super::lamps::{NodeProfile, ProfileEntry, ProfileList};
 pub use super::meshopt::{CompressedView, Fallback, Meshopt};
 pub use super::optics::{DiffuseTransmission, SpecularGlossiness, Transmission};
 use serde::Deserialize;
@@ -63,6 +64,8 @@ pub struct Asset {
 pub struct RootExtensions {
     #[serde(rename = "KHR_lights_punctual")]
     pub lights: Option<LightList>,
+    #[serde(rename = "EXT_lights_ies")]
+    pub profiles: Option<ProfileList>,
 }
 
 #[derive(Debug, Default, Clone, Deserialize)]
@@ -148,6 +151,8 @@ pub struct Node {
 pub struct NodeExtensions {
     #[serde(rename = "KHR_lights_punctual")]
     pub light: Option<NodeLight>,
+    #[serde(rename = "EXT_lights_ies")]
+    pub ies: Option<NodeProfile>,
     #[serde(rename = "KHR_node_visibility")]
     pub visibility: Option<Visibility>,
     #[serde(rename = "EXT_mesh_gpu_instancing")]
@@ -498,6 +503,12 @@ impl Root {
     #[must_use]
     pub fn lights(&self) -> &[LightEntry] {
         self.extensions.lights.as_ref().map_or(&[], |l| &l.lights)
+    }
+
+    /// The files of `EXT_lights_ies`.
+    #[must_use]
+    pub fn profiles(&self) -> &[ProfileEntry] {
+        self.extensions.profiles.as_ref().map_or(&[], |l| &l.lights)
     }
 }
 
