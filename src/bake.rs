@@ -184,6 +184,7 @@ fn load(input: &Path, settings: &Settings) -> Result<Warned<Scene>, scene::Error
         sun_angle: settings.sun_angle.map(f32::to_radians),
         light_radius: settings.light_radius,
         rules: settings.rules.clone(),
+        variant: settings.variant.clone(),
     };
     let mut loaded = scene::load(input, &how)?;
     loaded.warnings.extend(treated::warning(&loaded.output, settings));

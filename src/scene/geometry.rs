@@ -73,6 +73,7 @@ struct PlacedPart {
     normal: Vec<Vec3>,
     triangles: Vec<[u32; 3]>,
     mirrored: bool,
+    scale: f32,
     flat: bool,
     warnings: Vec<Warning>,
 }
@@ -241,7 +242,8 @@ fn place(
         let what = format!("{name}: {bad} normals are zero or not finite; those of the triangles around were used");
         warnings.push(Warning::new("bad-normals", what).at(root.node_name(plan.placed.node)));
     });
-    Ok(PlacedPart { position, normal, triangles, mirrored, flat: local.normal.is_none(), warnings })
+    let scale = pose.scale();
+    Ok(PlacedPart { position, normal, triangles, mirrored, scale, flat: local.normal.is_none(), warnings })
 }
 
 /// Unit normals in the world; `report` hears how many had to be replaced.
@@ -337,6 +339,7 @@ impl Geometry {
             triangles: first_triangle..first_triangle + plan.size.triangles as u32,
             material,
             mirrored: part.mirrored,
+            scale: part.scale,
             flat: part.flat,
             has_uv1: local.uv.get(1).is_some_and(Option::is_some),
             receives: !(materials[material].unlit || morphed || skinned),

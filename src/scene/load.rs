@@ -10,12 +10,14 @@ use super::error;
 use super::extensions;
 use super::geometry;
 use super::group::Groups;
+use super::image_light;
 use super::images;
 use super::lamps;
 use super::material;
 use super::nodes;
 use super::punctual;
 use super::treat::Treater;
+use super::variants;
 use crate::base::Warned;
 use std::path::Path;
 
@@ -24,7 +26,7 @@ use std::path::Path;
 pub struct Settings {
     /// Index of the scene; `None` = the document's default scene, else scene 0, else all root nodes.
     pub scene: Option<usize>,
-    /// Light from infinity; glTF has none.
+    /// Light from infinity; if there is any, that of `EXT_lights_image_based` is left out.
     pub sky: Sky,
     /// Angular diameter of every sun [rad]; `None` = what the document says in `extras`, else 0.
     pub sun_angle: Option<f32>,
@@ -32,6 +34,8 @@ pub struct Settings {
     pub light_radius: Option<f32>,
     /// What to do otherwise with what has certain names; later ones win.
     pub rules: Vec<Rule>,
+    /// Name of the variant whose materials are taken; `None` = those of the primitives themselves.
+    pub variant: Option<String>,
 }
 
 /// Reads a glTF or GLB file, and the buffers and images that it refers to.
@@ -55,6 +59,9 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
     let mut warnings = Vec::new();
     let mut document = Document::parse(bytes, path, &mut warnings)?;
     extensions::check(&document.root, &mut warnings)?;
+    if let Some(variant) = &settings.variant {
+        variants::choose(&mut document.root, variant)?;
+    }
     document.load_buffers()?;
     document.decompress_views()?;
     document.decompress_primitives()?;
@@ -79,9 +86,11 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         material.emission_texture = None;
         material.specular_texture = None;
         material.transmission_texture = None;
+        material.volume = None;
         material.translucency = None;
     }
     let textures = images::decode(&mut document, &materials, &mut warnings)?;
+    let environment = if settings.sky.is_black() { image_light::read(&mut document, settings.scene)? } else { None };
     let cameras = cameras::read(&document.root, &walk, &mut warnings);
     let scene = Scene {
         document,
@@ -94,7 +103,7 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         lights,
         groups: Groups { lights: lights_groups, parts: parts_groups },
         sky: settings.sky,
-        environment: None,
+        environment,
         cameras,
         offset: geometry.offset,
         cuts: super::Cuts::default(),

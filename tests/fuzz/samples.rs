@@ -110,6 +110,33 @@ fn lamp_over_triangle() -> Builder {
     b
 }
 
+/// A sheet and a solid of coloured glass in variants and levels, under faces of a cube.
+fn glass_under_cube() -> Builder {
+    let volume = json!({"thicknessFactor": 0.1, "attenuationDistance": 0.2, "attenuationColor": [0.9, 0.5, 0.1]});
+    let glass = json!({"extensions": {"KHR_materials_transmission": {"transmissionFactor": 0.9}, "KHR_materials_volume": volume}});
+    let mut b = Builder::square(json!({}));
+    b.push("materials", glass);
+    let mappings = json!([{"material": 1, "variants": [0]}]);
+    b.set("/meshes/0/primitives/0/extensions", json!({"KHR_materials_variants": {"mappings": mappings}}));
+    let position = b.floats("VEC3", &[0., 0., 0., 1., 0., 0., 0., 1., 0., 0., 0., 1.]);
+    let indices = b.accessor(5121, "SCALAR", 12, &[0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3], json!({}));
+    let solid = json!({"attributes": {"POSITION": position}, "indices": indices, "material": 1});
+    b.push("meshes", json!({"primitives": [solid]}));
+    b.push("nodes", json!({"mesh": 1, "extensions": {"MSFT_lod": {"ids": [2]}}}));
+    b.push("nodes", json!({"mesh": 0}));
+    let mut face = || {
+        let view = b.view(&png(1, &[[200, 100, 50, 128]]), json!({}));
+        b.push("images", json!({"bufferView": view, "mimeType": "image/png"}))
+    };
+    let level: Vec<usize> = (0..6).map(|_| face()).collect();
+    let light = json!({"specularImages": [level], "irradianceCoefficients": [[1, 1, 1]], "rotation": [0.6, 0, 0, 0.8]});
+    let list = |key: &str, value: Value| json!({key: [value]});
+    b.json["extensions"] = json!({"EXT_lights_image_based": list("lights", light),
+        "KHR_materials_variants": list("variants", json!({"name": "night"}))});
+    b.push("scenes", json!({"nodes": [0, 1, 2], "extensions": {"EXT_lights_image_based": {"light": 0}}}));
+    b
+}
+
 fn documents() -> Vec<Document> {
     let mut all = vec![
         rich::document(),
@@ -117,6 +144,7 @@ fn documents() -> Vec<Document> {
         box_of_squares(),
         strips_and_quantised(),
         lamp_over_triangle(),
+        glass_under_cube(),
         compressed::meshopt_square("EXT_meshopt_compression"),
         compressed::meshopt_square("KHR_meshopt_compression"),
         compressed::draco_square(),
