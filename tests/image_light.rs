@@ -142,7 +142,6 @@ fn coefficients_and_level_0_of_a_smooth_light_agree() {
     let exact = Rgb::splat(PI + PI / 3.0);
     let by_faces = irradiance(&document(&faces, json!({"irradianceCoefficients": coefficients})));
     let by_coefficients = irradiance(&document(&[], json!({"irradianceCoefficients": coefficients})));
-    println!("{by_faces} by faces, {by_coefficients} by coefficients, exact {exact}");
     // A code of 8 bits is 0.8 % of the light, and 128/255 is no half.
     near(by_faces, exact, 0.01);
     near(by_coefficients, exact, 0.005);
