@@ -12,8 +12,8 @@
 //!   Representation for Irradiance Environment Maps* (SIGGRAPH 2001), eq. 3: L00, L1-1, L10, L11, L2-2 … L22, times
 //!   A = π, 2π/3, π/4 of their band (eq. 8), which is divided out.
 //!
-//! A pixel of the map is the mean over [`SAMPLES`]² directions, so what is smaller than a face's pixel has its light within a
-//! few percent. Faces larger than [`FINEST`] are halved first. Where radiance from coefficients is negative, it counts as 0.
+//! A pixel of the map is the mean over [`SAMPLES`] directions, so a sun of a single pixel has its light within a few percent.
+//! Faces larger than [`FINEST`] are halved first. Where radiance from coefficients is negative, it counts as 0.
 
 use super::schema::optional;
 use super::{Document, Environment, Error, images};
@@ -23,8 +23,11 @@ use core::f32::consts::PI;
 use glam::{Quat, Vec2, Vec3};
 use serde::{Deserialize, Deserializer};
 
-/// Samples per side of a pixel; 4 leave 10 % of noise in the light of a single bright pixel of a face, 8 about 4 %.
-const SAMPLES: u32 = 8;
+/// Samples of a pixel, a golden lattice. Error of the light of a single bright pixel of a face, root mean square over all
+/// pixels of faces of 64 and 128: 34 samples 3.5 %, 64 2.4 %, 89 1.7 %, at worst 14 %; 64 samples as 8 × 8 5 %.
+const SAMPLES: u32 = 89;
+/// Step of the lattice, the golden section.
+const STEP: f64 = 0.618_033_988_749_894_9;
 /// Largest face that is used as it is [px].
 const FINEST: usize = 512;
 /// Narrowest map of faces [px]: pixels of a map lie across the borders of faces, so tiny faces need more than their own.
@@ -133,11 +136,12 @@ fn resample(width: u32, to_map: Quat, radiance: impl Fn(Vec3) -> Rgb + Sync) -> 
     let row = |y: usize| -> Vec<Rgb> {
         let pixel = |x: usize| {
             let mut sum = Rgb::ZERO;
-            for k in 0..SAMPLES * SAMPLES {
-                let place = Vec2::new((k % SAMPLES) as f32 + 0.5, (k / SAMPLES) as f32 + 0.5) / SAMPLES as f32;
+            for k in 0..SAMPLES {
+                let across = (f64::from(k) * STEP + 0.5).fract() as f32;
+                let place = Vec2::new((k as f32 + 0.5) / SAMPLES as f32, across);
                 sum += radiance(to_map * blank.toward([x, y], place));
             }
-            sum / (SAMPLES * SAMPLES) as f32
+            sum / SAMPLES as f32
         };
         (0..width as usize).map(pixel).collect()
     };

@@ -75,8 +75,13 @@ pub(super) struct Wall {
 impl Tracer<'_> {
     /// What a crossing takes by itself; those of solids are put to `walls`.
     pub(super) fn cross(&self, crossed: &Crossed, walls: &mut Vec<Wall>) -> Rgb {
-        let part = self.scene.triangle_part[crossed.triangle as usize];
-        match self.bodies.get(part as usize) {
+        if self.bodies.is_empty() {
+            return Rgb::ONE;
+        }
+        // Parts have their triangles in order.
+        let index = self.scene.parts.partition_point(|p| p.triangles.end <= crossed.triangle);
+        let part = index as u32;
+        match self.bodies.get(index) {
             None | Some(Body::Hollow) => return Rgb::ONE,
             Some(Body::Sheet) => return self.scene.sheet_transmittance(crossed.triangle, crossed.weights()),
             Some(Body::Solid) => walls.push(Wall { part, t: crossed.t, entry: crossed.front }),
