@@ -167,6 +167,7 @@ fn what_is_no_cube_is_refused() {
         (document(&vec![white.clone(); 5], json!({})), "5 faces"),
         (document(&vec![vec![[255; 4]; 9]; 6], json!({})), "3 × 3"),
         (document(&[vec![white.clone(); 5], vec![vec![[255; 4]; 4]]].concat(), json!({})), "face 5"),
+        (document(&vec![vec![[9; 4]; 2049 * 2049]; 6], json!({})), "scale it down"),
         (document(&[], json!({})), "neither images"),
         (document(&[], json!({"irradianceCoefficients": [[0, 0, 0]]})), "neither images"),
         (document(&vec![white.clone(); 6], json!({"intensity": -1})), "intensity"),

@@ -13,7 +13,7 @@
 //!   A = π, 2π/3, π/4 of their band (eq. 8), which is divided out.
 //!
 //! A pixel of the map is the mean over [`SAMPLES`] directions, so a sun of a single pixel has its light within a few percent.
-//! Faces larger than [`FINEST`] are halved first. Where radiance from coefficients is negative, it counts as 0.
+//! Faces larger than [`FINEST`] are halved first, those beyond [`MOST_PIXELS`] refused before they are decoded. Where radiance from coefficients is negative, it counts as 0.
 
 use super::schema::optional;
 use super::{Document, Environment, Error, images};
@@ -28,6 +28,8 @@ use serde::{Deserialize, Deserializer};
 const SAMPLES: u32 = 89;
 /// Step of the lattice, the golden section.
 const STEP: f64 = 0.618_033_988_749_894_9;
+/// Most pixels of a face: 2048 × 2048, 300 MB for all six.
+const MOST_PIXELS: u64 = 1 << 22;
 /// Largest face that is used as it is [px].
 const FINEST: usize = 512;
 /// Narrowest map of faces [px]: pixels of a map lie across the borders of faces, so tiny faces need more than their own.
@@ -193,7 +195,7 @@ impl Cube {
         }
         let mut cube = Self { size: 0, faces: vec![] };
         for (face, &image) in level.iter().enumerate() {
-            let picture = images::decode_alone(document, image, &format!("face {face} of level 0"))?;
+            let picture = images::decode_alone(document, image, &format!("face {face} of level 0"), MOST_PIXELS)?;
             let size = picture.width as usize;
             let fits = picture.width == picture.height && size.is_power_of_two();
             if !fits || face > 0 && size != cube.size {

@@ -140,9 +140,13 @@ pub(super) struct Picture {
     pub(super) rgbd: bool,
 }
 
-/// Decodes one image for `user`.
-pub(super) fn decode_alone(document: &mut Document, index: usize, user: &str) -> Result<Picture, Error> {
+/// Decodes one image for `user`, of at most `most` pixels.
+pub(super) fn decode_alone(document: &mut Document, index: usize, user: &str, most: u64) -> Result<Picture, Error> {
     let source = open(document, index, user)?;
+    if source.pixels > most {
+        let what = format!("{} has {} pixels; {most} are the limit, scale it down", source.place, source.pixels);
+        return Err(Error::unsupported(what));
+    }
     let png = matches!(source.format, Format::Common(ImageFormat::Png));
     let (width, height, pixels) = decode_one(&source)?;
     Ok(Picture { width, height, rgbd: png && has_alpha(&source)?, pixels })
