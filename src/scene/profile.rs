@@ -187,7 +187,8 @@ mod tests {
             sum += f64::from(weight);
         }
         let mean = sum / f64::from(n * n);
-        assert!((mean / f64::from(exact) - 1.0).abs() < 1e-4, "{mean}");
+        // The thin ring has 1.3 of the 256 rows of draws.
+        assert!((mean / f64::from(exact) - 1.0).abs() < 2e-3, "{mean}");
         assert!((profile.cos_reach() + libm::sinf(0.01)).abs() < 1e-4, "{}", profile.cos_reach());
     }
 
