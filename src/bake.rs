@@ -186,6 +186,7 @@ fn load(input: &Path, settings: &Settings) -> Result<Warned<Scene>, scene::Error
         rules: settings.rules.clone(),
         instances: settings.scene_instances(),
         share_from: None,
+        variant: settings.variant.clone(),
     };
     let mut loaded = scene::load(input, &how)?;
     loaded.warnings.extend(treated::warning(&loaded.output, settings));

@@ -21,6 +21,8 @@ pub struct Facts {
     pub materials: Vec<MaterialFacts>,
     /// Punctual lights.
     pub lights: Vec<String>,
+    /// Names of the variants of the materials.
+    pub variants: Vec<String>,
     /// Names of the cameras.
     pub cameras: Vec<String>,
     /// Density that was reached [texels/m].
@@ -90,11 +92,12 @@ pub struct MaterialFacts {
 /// # Errors
 /// As for `bake`, without writing.
 pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
-    let (sky, rules) = (settings.sky(), settings.rules.clone());
+    let (sky, rules, variant) = (settings.sky(), settings.rules.clone(), settings.variant.clone());
     let how = scene::Settings {
         scene: settings.scene,
         sky,
         rules,
+        variant,
         instances: settings.scene_instances(),
         ..scene::Settings::default()
     };
@@ -120,7 +123,8 @@ pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
         input: input.display().to_string(),
         parts: (0..scene.parts.len()).map(|i| part(&scene, &atlas, i)).collect(),
         materials: used.into_iter().map(|m| material(&scene, m)).collect(),
-        lights: (0..scene.lights.len()).map(|i| light(&scene, i)).collect(),
+        lights: (0..scene.lights.len()).map(|i| light(&scene, i)).chain(image_light(&scene)).collect(),
+        variants: scene.document.root.variants().into_iter().map(str::to_owned).collect(),
         cameras: scene.cameras.iter().map(|c| c.name.clone()).collect(),
         texels_per_meter: atlas.texels_per_meter,
         pages: atlas.pages,
@@ -198,8 +202,19 @@ fn light(scene: &Scene, index: usize) -> String {
         Light::Sun { illuminance: i, .. } => format!("sun {:.3} {:.3} {:.3} lx", i.x, i.y, i.z),
         Light::Point { intensity: i, .. } => format!("point {:.3} {:.3} {:.3} cd", i.x, i.y, i.z),
         Light::Spot { intensity: i, .. } => format!("spot {:.3} {:.3} {:.3} cd", i.x, i.y, i.z),
+        Light::Profiled { factor, profile, .. } => {
+            let [i, flux] = [profile.peak(), profile.flux()].map(|of| *factor * of);
+            format!("lamp {:.3} {:.3} {:.3} cd at most, {:.3} {:.3} {:.3} lm", i.x, i.y, i.z, flux.x, flux.y, flux.z)
+        }
     };
     what + &group
+}
+
+/// The light of the document's own environment.
+fn image_light(scene: &Scene) -> Option<String> {
+    let map = scene.environment.as_ref()?;
+    let mean = map.total() / (4.0 * core::f32::consts::PI);
+    Some(format!("image-based {:.3} {:.3} {:.3} cd/m2 in mean", mean.x, mean.y, mean.z))
 }
 
 impl Facts {
@@ -245,6 +260,9 @@ impl Facts {
         }
         for l in &self.lights {
             writeln!(out, "light: {l}")?;
+        }
+        for v in &self.variants {
+            writeln!(out, "variant: {v}")?;
         }
         for (i, c) in self.cameras.iter().enumerate() {
             writeln!(out, "camera {i}: {c}")?;

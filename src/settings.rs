@@ -178,6 +178,9 @@ pub struct Options {
     /// Scene of the document to bake; its default scene otherwise
     #[arg(long, value_name = "N", help_heading = "Scene")]
     pub scene: Option<usize>,
+    /// Variant of the materials to bake (`KHR_materials_variants`); those of the primitives themselves otherwise
+    #[arg(long, value_name = "NAME", help_heading = "Scene")]
+    pub variant: Option<String>,
     /// Radiance of the sky in cd/m², as R,G,B or one number; world +y is up
     #[arg(long, value_name = "R,G,B", value_parser = parse_color, help_heading = "Scene")]
     pub sky: Option<[f32; 3]>,
@@ -300,6 +303,8 @@ pub struct Settings {
     pub seed: u64,
     /// Scene of the document.
     pub scene: Option<usize>,
+    /// Name of the variant of the materials.
+    pub variant: Option<String>,
     /// Radiance of the sky: zenith, horizon, ground [cd/m²].
     pub sky: [[f32; 3]; 3],
     /// Angular diameter of the suns [degrees].
@@ -390,6 +395,7 @@ impl Options {
             time_limit,
             seed,
             scene,
+            variant,
             sky,
             sky_horizon,
             sky_ground,
@@ -446,6 +452,7 @@ impl Options {
             time_limit: self.time_limit.map(|s| positive("--time-limit", s)).transpose()?,
             seed: self.seed.unwrap_or(0),
             scene: self.scene,
+            variant: self.variant.clone(),
             sky: [zenith, horizon, self.sky_ground.unwrap_or(horizon)],
             sun_angle: self.sun_angle.map(|a| within("--sun-angle", a, 0.0, 90.0)).transpose()?,
             light_radius: self.light_radius.map(|r| within("--light-radius", r, 0.0, 1e6)).transpose()?,

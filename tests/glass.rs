@@ -22,6 +22,7 @@ use texelwalk::scene::Scene;
 use texelwalk::scene::Settings;
 use texelwalk::scene::Sky;
 use texelwalk::scene::load_bytes;
+use texelwalk::trace::{Ray, Tracer};
 use texelwalk::walk::Splat;
 
 /// Corners of rectangles, front toward (b − a) × (d − a), with `TEXCOORD_0` from (0, 0) to (1, 1).
@@ -286,4 +287,109 @@ fn specular_and_glossiness_leave_the_rest_to_diffuse() {
     let plain = json!({"extensions": {"KHR_materials_pbrSpecularGlossiness": {}}});
     let scene = scene(&Builder::square(plain), &Settings::default());
     assert_eq!(scene.reflectance(0, glam::Vec2::ZERO), Rgb::ZERO, "specular is white by default");
+}
+
+/// A coloured body: a tenth of a metre leaves the square root of this colour.
+const COLOR: [f32; 3] = [0.9, 0.5, 0.1];
+
+fn body(thickness: f32) -> Value {
+    let mut out = glass([1.0; 3], 1.0, &json!({}));
+    out["extensions"]["KHR_materials_volume"] =
+        json!({"thicknessFactor": thickness, "attenuationDistance": 0.2, "attenuationColor": COLOR});
+    out
+}
+
+fn left(metres: f32) -> Rgb {
+    Rgb::from_array(COLOR.map(|c| libm::powf(c, metres / 0.2)))
+}
+
+/// A box around (0, y, 0) of material 1, as one primitive; `inside_out` turns its faces inward.
+fn block(b: &mut Builder, half: f32, [low, high]: [f32; 2], inside_out: bool) {
+    let corner = |k: u16| {
+        [
+            if k & 1 == 0 { -half } else { half },
+            if k & 2 == 0 { low } else { high },
+            if k & 4 == 0 { -half } else { half },
+        ]
+    };
+    let position = b.floats("VEC3", &(0..8).flat_map(corner).collect::<Vec<f32>>());
+    let quads = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+    let mut indices: Vec<u16> = quads.iter().flat_map(|q| [q[0], q[1], q[2], q[0], q[2], q[3]]).collect();
+    if inside_out {
+        indices.reverse();
+    }
+    let indices = b.accessor(5123, "SCALAR", 36, &words(&indices), json!({}));
+    let mesh = b.push(
+        "meshes",
+        json!({"primitives": [{"attributes": {"POSITION": position}, "indices": indices, "material": 1}]}),
+    );
+    b.push("nodes", json!({"mesh": mesh}));
+}
+
+fn floor_under_block(inside_out: bool) -> Builder {
+    let mut b = Builder::new();
+    b.push("materials", json!({"pbrMetallicRoughness": {"metallicFactor": 0}}));
+    b.push("materials", body(1.0));
+    rectangle(&mut b, level(1.0, 0.0), 0);
+    block(&mut b, 8.0, [1.0, 1.1], inside_out);
+    b
+}
+
+/// Light on the floor by a sun of 1 lx at an angle from the zenith.
+fn sunlit_at(mut b: Builder, angle: f32) -> Rgb {
+    b.json["extensionsUsed"] = json!(["KHR_lights_punctual"]);
+    b.json["extensions"] = json!({"KHR_lights_punctual": {"lights": [{"type": "directional", "intensity": 1.0}]}});
+    let turn = glam::Quat::from_rotation_z(angle) * glam::Quat::from_rotation_x(-std::f32::consts::FRAC_PI_2);
+    b.push("nodes", json!({"rotation": turn.to_array(), "extensions": {"KHR_lights_punctual": {"light": 0}}}));
+    let scene = scene(&b, &Settings::default());
+    let stage = Stage::new(&scene, 8.0);
+    floor_mean(&stage, &stage.direct(16))
+}
+
+#[test]
+fn a_slab_of_coloured_glass_tints_the_sun_by_the_way_through_it() {
+    for (angle, inside_out) in [(0.0f32, false), (0.5, false), (1.0, false), (0.5, true)] {
+        let cos = libm::cosf(angle);
+        let found = sunlit_at(floor_under_block(inside_out), angle);
+        let expected = left(0.1 / cos) * cos;
+        near(found, expected, 0.005);
+    }
+}
+
+#[test]
+fn what_is_not_closed_takes_what_its_thickness_says() {
+    near(sunlit_at(under(body(0.1), None), 0.7), left(0.1) * libm::cosf(0.7), 0.005);
+    near(sunlit_at(under(body(0.0), None), 0.0), Rgb::ONE, 0.005);
+    let mut twice = under(body(0.1), None);
+    twice.set("/nodes/1/scale", json!([2, 2, 2]));
+    near(sunlit_at(twice, 0.0), left(0.2), 0.005);
+    let mut textured = body(0.2);
+    textured["extensions"]["KHR_materials_volume"]["thicknessTexture"] = json!({"index": 0});
+    near(sunlit_at(under(textured, Some((1, &[[0, 51, 255, 255]]))), 0.0), left(0.04), 0.005);
+    // Without a distance nothing is taken.
+    let mut clear = body(0.1);
+    clear["extensions"]["KHR_materials_volume"].as_object_mut().unwrap().remove("attenuationDistance");
+    near(sunlit_at(under(clear, None), 0.0), Rgb::ONE, 0.005);
+}
+
+#[test]
+fn rays_into_out_of_and_along_edges_of_solids() {
+    let scene = scene(&floor_under_block(false), &Settings::default());
+    let tracer = Tracer::new(&scene);
+    let ask = |origin: [f32; 3], direction: [f32; 3], t_max: f32, metres: f32| {
+        let ray = Ray { origin: Vec3::from_array(origin), direction: Vec3::from_array(direction), t_max };
+        for (how, found) in [("shadow ray", tracer.unblocked(&ray)), ("path", tracer.tint(&ray))] {
+            let off = (found - left(metres)).abs().max_element();
+            assert!(off < 1e-4, "{how} from {origin:?}: {found} instead of {}", left(metres));
+        }
+    };
+    // Through the diagonals of top and bottom, upward without an end, at a length of the direction other than 1.
+    ask([0.0, 0.5, 0.0], [0.0, 1.0, 0.0], f32::INFINITY, 0.1);
+    ask([0.0, 0.5, 0.0], [0.0, 4.0, 0.0], f32::INFINITY, 0.1);
+    ask([1.0, 2.0, 0.3], [0.0, -1.0, 0.0], 1.5, 0.1);
+    // Begins inside, ends inside, both, neither.
+    ask([0.4, 1.04, 0.7], [0.0, 1.0, 0.0], 5.0, 0.06);
+    ask([0.4, 2.0, 0.7], [0.0, -1.0, 0.0], 0.97, 0.07);
+    ask([0.4, 1.02, 0.7], [1.0, 0.0, 0.0], 0.5, 0.0);
+    ask([0.4, 0.2, 0.7], [0.0, 1.0, 0.0], 0.5, 0.0);
 }

@@ -5,7 +5,8 @@
 //! it gives exactly what the point at its centre gives, I cos θ/d². Its range counts from the centre.
 //!
 //! Source: the glTF extension `KHR_lights_punctual`, "Range Property" and "Inner and Outer Cone Angles" (the reference
-//! code, with its squared cone falloff).
+//! code, with its squared cone falloff). Lamps with a profile have its candela in the direction that the light takes, also where
+//! they are spheres.
 
 use super::piece::FLOOR;
 use super::site::Site;
@@ -30,15 +31,16 @@ pub(super) struct Seen {
 pub(super) fn is_soft(light: &Light) -> bool {
     match *light {
         Light::Sun { angle, .. } => angle > 0.0,
-        Light::Point { radius, .. } | Light::Spot { radius, .. } => radius > 0.0,
+        Light::Point { radius, .. } | Light::Spot { radius, .. } | Light::Profiled { radius, .. } => radius > 0.0,
     }
 }
 
-/// Intensity [cd] or illuminance [lx].
+/// Largest intensity [cd], or illuminance [lx].
 pub(super) fn power(light: &Light) -> Rgb {
     match *light {
         Light::Sun { illuminance, .. } => illuminance,
         Light::Point { intensity, .. } | Light::Spot { intensity, .. } => intensity,
+        Light::Profiled { factor, ref profile, .. } => factor * profile.peak(),
     }
 }
 
@@ -64,6 +66,11 @@ pub(super) fn seen_from(light: &Light, position: Vec3, u: Vec2) -> Option<Seen> 
             let cos = direction.dot(-toward.normalize_or_zero());
             let cone = ((cos - cos_outer) / (cos_inner - cos_outer).max(0.001)).clamp(0.0, 1.0);
             (cone > 0.0).then_some(Seen { toward, far: false, illuminance: intensity * (factor * cone * cone) })
+        }
+        Light::Profiled { position: at, axes, factor: power, range, radius, ref profile } => {
+            let (toward, factor) = sphere(at, radius, range, position, u)?;
+            let candela = profile.candela(axes.transpose() * -toward.normalize_or_zero());
+            (candela > 0.0).then_some(Seen { toward, far: false, illuminance: power * (candela * factor) })
         }
     }
 }
@@ -113,6 +120,7 @@ pub(super) fn estimate(light: &Light, site: &Site) -> f32 {
         Light::Sun { .. } => return 0.0,
         Light::Point { position, intensity, range, radius } => (position, intensity, range, radius),
         Light::Spot { position, intensity, range, radius, .. } => (position, intensity, range, radius),
+        Light::Profiled { position, range, radius, .. } => (position, power(light), range, radius),
     };
     let to = at - site.position;
     let distance_squared = to.length_squared();
@@ -122,14 +130,23 @@ pub(super) fn estimate(light: &Light, site: &Site) -> f32 {
         return 0.0;
     }
     let toward = to / distance.max(f32::MIN_POSITIVE);
+    // Beyond the cone for all of the site?
+    let outside = |cos: f32, cos_outer: f32| {
+        distance > reach && tree::cos_of_difference(cos, (1.0 - (reach / distance).powi(2)).sqrt()) < cos_outer
+    };
     let mut cone = 1.0;
     if let Light::Spot { direction, cos_inner, cos_outer, .. } = *light {
         let cos = direction.dot(-toward);
-        if distance > reach && tree::cos_of_difference(cos, (1.0 - (reach / distance).powi(2)).sqrt()) < cos_outer {
+        if outside(cos, cos_outer) {
             return 0.0;
         }
         let edge = ((cos - cos_outer) / (cos_inner - cos_outer).max(0.001)).clamp(0.0, 1.0);
         cone = (edge * edge).max(FLOOR);
+    } else if let Light::Profiled { axes, ref profile, .. } = *light {
+        if profile.cos_reach() > -1.0 && outside(axes.z_axis.dot(toward), profile.cos_reach()) {
+            return 0.0;
+        }
+        cone = (profile.candela(axes.transpose() * -toward) / profile.peak().max(f32::MIN_POSITIVE)).max(FLOOR);
     }
     let factor = window(range, distance_squared).max(FLOOR) * cone * site.elevation(toward);
     luminance(intensity) * factor / distance_squared.max(reach * reach)
@@ -143,6 +160,9 @@ pub(super) fn bounds(light: &Light) -> Option<Bounds> {
         // All of the cone at full strength, nothing outside.
         Light::Spot { position, range, radius, direction, cos_outer, .. } => {
             (position, range, radius, direction, cos_outer, 1.0)
+        }
+        Light::Profiled { position, range, radius, axes, ref profile, .. } => {
+            (position, range, radius, -axes.z_axis, profile.cos_reach(), 1.0)
         }
     };
     let (low, high) = (position - radius, position + radius);

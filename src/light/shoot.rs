@@ -38,6 +38,7 @@ impl<'a> Sources<'a> {
             Light::Sun { illuminance, .. } => illuminance * disc,
             Light::Point { intensity, .. } => intensity * (4.0 * PI),
             Light::Spot { intensity, cos_outer, .. } => intensity * (2.0 * PI * (1.0 - cos_outer)),
+            Light::Profiled { factor, ref profile, .. } => factor * profile.flux(),
         };
         let sky = emitters.infinity.total(scene);
         let parts = core::iter::once(emitters.flux())
@@ -110,12 +111,19 @@ impl<'a> Sources<'a> {
                 let ray = from_light(position, radius, direction, v);
                 (ray, flux * self.window(light, position, &ray))
             }
+            Light::Profiled { position, axes, factor, radius, ref profile, .. } => {
+                let Some((local, lumens)) = profile.sample(u) else { return (nowhere(), Rgb::ZERO) };
+                let ray = from_light(position, radius, axes * local, v);
+                (ray, factor * (lumens * self.window(light, position, &ray)))
+            }
         }
     }
 
     /// The range window at the distance where the line lands.
     fn window(&self, light: &Light, position: Vec3, ray: &Ray) -> f32 {
-        let (Light::Point { range, .. } | Light::Spot { range, .. }) = *light else { return 1.0 };
+        let (Light::Point { range, .. } | Light::Spot { range, .. } | Light::Profiled { range, .. }) = *light else {
+            return 1.0;
+        };
         if !range.is_finite() {
             return 1.0;
         }

@@ -8,7 +8,9 @@ use super::schema::Root;
 use crate::base::Warning;
 
 /// Read and honoured.
-const IMPLEMENTED: [&str; 15] = [
+const IMPLEMENTED: [&str; 20] = [
+    "EXT_lights_ies",
+    "EXT_lights_image_based",
     "EXT_mesh_gpu_instancing",
     "EXT_meshopt_compression",
     "EXT_texture_webp",
@@ -19,17 +21,20 @@ const IMPLEMENTED: [&str; 15] = [
     "KHR_materials_pbrSpecularGlossiness",
     "KHR_materials_transmission",
     "KHR_materials_unlit",
+    "KHR_materials_variants",
+    "KHR_materials_volume",
     "KHR_mesh_quantization",
     "KHR_meshopt_compression",
     "KHR_node_visibility",
     "KHR_texture_basisu",
     "KHR_texture_transform",
+    "MSFT_lod",
 ];
 
 /// Without effect on what a diffuse bake computes: specular lobes and coats, metadata, behaviour at run time, and the
 /// lightmap that a bake replaces. (A coat or sheen takes a little light from the diffuse lobe; renderers differ in how
 /// much, and Blender's DIFFUSE bake counts none of it.)
-const NEUTRAL: [&str; 20] = [
+const NEUTRAL: [&str; 19] = [
     "CESIUM_primitive_outline",
     "EXT_mesh_manifold",
     "EXT_mesh_primitive_edge_visibility",
@@ -44,7 +49,6 @@ const NEUTRAL: [&str; 20] = [
     "KHR_materials_iridescence",
     "KHR_materials_sheen",
     "KHR_materials_specular",
-    "KHR_materials_variants",
     "KHR_node_hoverability",
     "KHR_node_selectability",
     "KHR_xmp",

@@ -1,7 +1,7 @@
 //! Wishes of the document itself: the object `extras.texelwalk` of a node, mesh, material or light.
 //!
 //! Keys: `density`, `receives`, `casts`, `emission`, `instances`, `intensity`, `light_group`, as in rules. Meshes and materials have no
-//! `intensity`, lights only `intensity` and `light_group`. Truth may be written as 0 and 1, as some exporters do.
+//! `intensity`, lights only `intensity`, `light_group` and `ies`. Truth may be written as 0 and 1, as some exporters do.
 //!
 //! Extras may hold anything, and what others put there does not matter. What is wrong within `texelwalk` is ignored with a
 //! warning that names the owner and the key: `bad-extras`, and `bad-light-group` for names of groups.
@@ -18,7 +18,7 @@ pub(super) const OF_NODES: &[&str] =
 /// Keys of meshes and materials.
 pub(super) const OF_SURFACES: &[&str] = &["density", "receives", "casts", "emission", "instances", "light_group"];
 /// Keys of lights.
-pub(super) const OF_LIGHTS: &[&str] = &["intensity", "light_group"];
+pub(super) const OF_LIGHTS: &[&str] = &["ies", "intensity", "light_group"];
 
 /// The value of `extras.texelwalk`.
 #[derive(Debug, Clone, Default)]
@@ -72,6 +72,8 @@ pub(super) fn read(own: &Own, keys: &[&str], owner: &str, warnings: &mut Vec<War
             known if !keys.contains(&known) => {
                 odd("bad-extras", format!(".{key} means nothing here; it was ignored, there are {}", keys.join(", ")));
             }
+            // Of lights: `lamps` reads it.
+            "ies" => {}
             "density" => {
                 let [low, high] = DENSITY;
                 wishes.density = number(value).filter(|v| (low..=high).contains(v));

@@ -87,7 +87,7 @@ struct Sharing {
 /// A part on its way into the scene.
 enum Placing {
     Stored(PlacedPart),
-    Copied { placement: Placement, flat: bool },
+    Copied { placement: Placement, scale: f32, flat: bool },
 }
 
 /// A part with its vertices in the world, indices from 0.
@@ -96,6 +96,7 @@ struct PlacedPart {
     normal: Vec<Vec3>,
     triangles: Vec<[u32; 3]>,
     mirrored: bool,
+    scale: f32,
     flat: bool,
     warnings: Vec<Warning>,
 }
@@ -170,7 +171,7 @@ impl Sharing {
 fn copied(document: &Document, plan: &Plan, local: &LocalPrimitive, world: DMat4) -> Result<Placing, Error> {
     let placement = Placement::new(world);
     check_range(document, plan, local.position.iter().map(|p| placement.position(*p)))?;
-    Ok(Placing::Copied { placement, flat: local.normal.is_none() })
+    Ok(Placing::Copied { placement, scale: Pose::Rigid(world).scale(), flat: local.normal.is_none() })
 }
 
 /// Refuses what would take too much memory: vertices and triangles by node.
@@ -333,7 +334,8 @@ fn place(
         let what = format!("{name}: {bad} normals are zero or not finite; those of the triangles around were used");
         warnings.push(Warning::new("bad-normals", what).at(root.node_name(plan.placed.node)));
     });
-    Ok(PlacedPart { position, normal, triangles, mirrored, flat: local.normal.is_none(), warnings })
+    let scale = pose.scale();
+    Ok(PlacedPart { position, normal, triangles, mirrored, scale, flat: local.normal.is_none(), warnings })
 }
 
 /// Unit normals in the world; `report` hears how many had to be replaced.
@@ -395,9 +397,9 @@ impl Geometry {
         let material = entry.material.unwrap_or(materials.len() - 1);
         let [first_triangle, first_vertex] = self.parts.last().map_or([0, 0], |p| [p.triangles.end, p.vertices.end]);
         let (triangles, vertices) = (plan.size.triangles, local.position.len());
-        let (mirrored, flat) = match &placing {
-            Placing::Stored(part) => (part.mirrored, part.flat),
-            Placing::Copied { placement, flat } => (placement.mirrored, *flat),
+        let (mirrored, scale, flat) = match &placing {
+            Placing::Stored(part) => (part.mirrored, part.scale, part.flat),
+            Placing::Copied { placement, scale, flat } => (placement.mirrored, *scale, *flat),
         };
         let morphed = !entry.targets.is_empty();
         let skinned = node.skin.is_some();
@@ -422,6 +424,7 @@ impl Geometry {
             triangles: copies::ids(first_triangle, triangles),
             material,
             mirrored,
+            scale,
             flat,
             has_uv1: local.uv.get(1).is_some_and(Option::is_some),
             receives: !(materials[material].unlit || morphed || skinned),

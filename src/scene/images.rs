@@ -97,7 +97,7 @@ fn collect(document: &mut Document, materials: &[Material]) -> Result<Needs, Err
                 .map_err(|e| e.within(&format!("texture {texture} of material {}", material.name)))?;
             let source = match sources.entry(image) {
                 Entry::Occupied(known) => known.into_mut(),
-                Entry::Vacant(new) => new.insert(open(document, image, &material.name)?),
+                Entry::Vacant(new) => new.insert(open(document, image, &format!("material {}", material.name))?),
             };
             pixels += source.pixels;
             if pixels > MAX_PIXELS {
@@ -130,15 +130,43 @@ fn image_of(texture: &TextureEntry) -> Result<usize, Error> {
     })
 }
 
+/// An image that is no texture.
+pub(super) struct Picture {
+    pub(super) width: u32,
+    pub(super) height: u32,
+    /// sRGB and alpha, top row first.
+    pub(super) pixels: Vec<[u8; 4]>,
+    /// It is a PNG with alpha, which `EXT_lights_image_based` reads as a divisor.
+    pub(super) rgbd: bool,
+}
+
+/// Decodes one image for `user`, of at most `most` pixels.
+pub(super) fn decode_alone(document: &mut Document, index: usize, user: &str, most: u64) -> Result<Picture, Error> {
+    let source = open(document, index, user)?;
+    if source.pixels > most {
+        let what = format!("{} has {} pixels; {most} are the limit, scale it down", source.place, source.pixels);
+        return Err(Error::unsupported(what));
+    }
+    let png = matches!(source.format, Format::Common(ImageFormat::Png));
+    let (width, height, pixels) = decode_one(&source)?;
+    Ok(Picture { width, height, rgbd: png && has_alpha(&source)?, pixels })
+}
+
+fn has_alpha(source: &Source) -> Result<bool, Error> {
+    let decoder = image::codecs::png::PngDecoder::new(Cursor::new(&source.bytes));
+    let decoder = decoder.map_err(|e| Error::invalid(format!("{} cannot be decoded: {e}", source.place)))?;
+    Ok(image::ImageDecoder::color_type(&decoder).has_alpha())
+}
+
 /// The encoded bytes of an image.
-fn open(document: &mut Document, index: usize, material: &str) -> Result<Source, Error> {
+fn open(document: &mut Document, index: usize, user: &str) -> Result<Source, Error> {
     let Some(image) = document.root.images.get(index) else {
         let have = document.root.images.len();
-        let what = format!("image {index}, needed by material {material}, does not exist, there are {have}");
+        let what = format!("image {index}, needed by {user}, does not exist, there are {have}");
         return Err(Error::invalid(what));
     };
     let named = image.name.as_deref().or(image.uri.as_deref().filter(|u| !u.starts_with("data:")));
-    let place = format!("image {index} \"{}\" of material {material}", label(named, "image", index));
+    let place = format!("image {index} \"{}\" of {user}", label(named, "image", index));
     let (view, uri) = (image.buffer_view, image.uri.clone());
     let bytes = match (view, uri) {
         (Some(view), _) => document.buffer_view(view).map_err(|e| e.within(&place))?.to_vec(),

@@ -1,8 +1,9 @@
-//! Punctual lights (`KHR_lights_punctual`) in world space, and the sky.
+//! Punctual lights (`KHR_lights_punctual`, `EXT_lights_ies`) in world space, and the sky.
 
-use super::Scene;
+use super::{Profile, Scene};
 use crate::base::Rgb;
-use glam::Vec3;
+use glam::{Mat3, Vec3};
+use std::sync::Arc;
 
 /// A light without a surface.
 #[derive(Debug, Clone)]
@@ -43,6 +44,21 @@ pub enum Light {
         cos_inner: f32,
         /// Cosine of the outer cone angle.
         cos_outer: f32,
+    },
+    /// A lamp with a measured distribution.
+    Profiled {
+        /// World position [m].
+        position: Vec3,
+        /// From the frame of the profile to the world: orthogonal, mirrored where the node mirrors.
+        axes: Mat3,
+        /// Factor of the profile's candela.
+        factor: Rgb,
+        /// As for a point light [m].
+        range: f32,
+        /// Radius of the glowing sphere [m]; 0 = a point.
+        radius: f32,
+        /// Candela by direction.
+        profile: Arc<Profile>,
     },
 }
 

@@ -11,12 +11,15 @@ use super::error;
 use super::extensions;
 use super::geometry;
 use super::group::Groups;
+use super::image_light;
 use super::images;
 use super::instances;
+use super::lamps;
 use super::material;
 use super::nodes;
 use super::punctual;
 use super::treat::Treater;
+use super::variants;
 use crate::base::Warned;
 use std::path::Path;
 
@@ -25,7 +28,7 @@ use std::path::Path;
 pub struct Settings {
     /// Index of the scene; `None` = the document's default scene, else scene 0, else all root nodes.
     pub scene: Option<usize>,
-    /// Light from infinity; glTF has none.
+    /// Light from infinity; if there is any, that of `EXT_lights_image_based` is left out.
     pub sky: Sky,
     /// Angular diameter of every sun [rad]; `None` = what the document says in `extras`, else 0.
     pub sun_angle: Option<f32>,
@@ -38,6 +41,8 @@ pub struct Settings {
     /// Store geometry that several nodes place once, where that leaves out so many triangles or more; `None` = from
     /// [`SHARE_FROM`] on. Nothing but memory and time depends on it.
     pub share_from: Option<usize>,
+    /// Name of the variant whose materials are taken; `None` = those of the primitives themselves.
+    pub variant: Option<String>,
 }
 
 /// Triangles from which on it is worth it to share them: they take about a gigabyte, and rays among copies take longer.
@@ -64,6 +69,9 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
     let mut warnings = Vec::new();
     let mut document = Document::parse(bytes, path, &mut warnings)?;
     extensions::check(&document.root, &mut warnings)?;
+    if let Some(variant) = &settings.variant {
+        variants::choose(&mut document.root, variant)?;
+    }
     document.load_buffers()?;
     document.decompress_views()?;
     document.decompress_primitives()?;
@@ -75,12 +83,13 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
     if geometry.triangles.is_empty() {
         return Err(Error::invalid("nothing to bake: the scene has no visible triangles"));
     }
+    let profiles = lamps::read(&mut document, &walk, &mut warnings)?;
     let mut treater = Treater::new(&document.root, &walk, settings, &mut warnings);
     let parts_groups = treater.parts(&walk, &mut geometry.parts, &materials, &mut warnings)?;
     let shown = instances::resolve(&mut geometry.parts);
     geometry::check_lit(&geometry.parts)?;
     let sizes = [settings.sun_angle, settings.light_radius];
-    let (lights, lights_groups) = punctual::read(&document.root, &walk, sizes, &mut treater, &mut warnings)?;
+    let (lights, lights_groups) = punctual::read(&document.root, &walk, &profiles, sizes, &mut treater, &mut warnings)?;
     warnings.extend(treater.unused());
     let mut used = vec![false; materials.len()];
     geometry.parts.iter().for_each(|part| used[part.material] = true);
@@ -90,9 +99,11 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         material.emission_texture = None;
         material.specular_texture = None;
         material.transmission_texture = None;
+        material.volume = None;
         material.translucency = None;
     }
     let textures = images::decode(&mut document, &materials, &mut warnings)?;
+    let environment = if settings.sky.is_black() { image_light::read(&mut document, settings.scene)? } else { None };
     let cameras = cameras::read(&document.root, &walk, &mut warnings);
     let scene = Scene {
         document,
@@ -105,7 +116,7 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         lights,
         groups: Groups { lights: lights_groups, parts: parts_groups },
         sky: settings.sky,
-        environment: None,
+        environment,
         cameras,
         offset: geometry.offset,
         copies: geometry.copies,

@@ -8,6 +8,7 @@
 //! follow the example: u' = u·cos + v·sin, v' = −u·sin + v·cos, after the scale and before the offset.
 
 use super::Error;
+use super::Volume;
 use super::primitive::MAX_UV_SETS;
 use super::schema::MaterialEntry;
 use super::schema::Root;
@@ -42,6 +43,8 @@ pub struct Material {
     pub transmission: f32,
     /// Red channel multiplies `transmission` (linear).
     pub transmission_texture: Option<TextureRef>,
+    /// What the light that passes loses inside; only with `transmission`.
+    pub volume: Option<Volume>,
     /// Light that leaves on the other side.
     pub translucency: Option<Translucency>,
     /// Emissive factor times strength [cd/m²].
@@ -122,7 +125,9 @@ impl Material {
     pub(super) fn textures(&self) -> impl Iterator<Item = &TextureRef> {
         let color = [&self.base_color_texture, &self.metallic_texture, &self.emission_texture];
         let through = self.translucency.iter().flat_map(|t| [&t.factor_texture, &t.color_texture]);
-        color.into_iter().chain([&self.specular_texture, &self.transmission_texture]).chain(through).flatten()
+        let inside = self.volume.iter().map(|v| &v.thickness_texture);
+        let all = color.into_iter().chain([&self.specular_texture, &self.transmission_texture]);
+        all.chain(through).chain(inside).flatten()
     }
 
     /// The texture coordinates that it uses.
@@ -198,6 +203,13 @@ fn convert(entry: &MaterialEntry, name: String, root: &Root, warnings: &mut Vec<
         transmission: passing,
         transmission_texture: match transmission {
             Some(t) => texture(&t.transmission_texture, passing > 0.0)?,
+            None => None,
+        },
+        volume: match entry.extensions.volume.as_ref().filter(|_| passing > 0.0) {
+            Some(v) => match v.volume() {
+                Some(volume) => Some(Volume { thickness_texture: texture(&v.thickness_texture, true)?, ..volume }),
+                None => None,
+            },
             None => None,
         },
         translucency: entry.extensions.diffuse_transmission.as_ref().filter(|_| !unlit).map_or(Ok(None), |d| {

@@ -13,7 +13,7 @@
 //!
 //! Codes of warnings: `animated-node`, `bad-alpha-mode`, `bad-camera`, `bad-color`, `bad-extras`, `bad-light`,
 //! `bad-light-group`, `bad-normals`, `bad-sampler`, `bad-texcoord`, `byte-order-mark`, `dark-emitter`, `deforming-mesh`,
-//! `factor-out-of-range`, `incomplete-triangle`, `missing-texcoord`, `no-positions`, `no-triangles`, `not-a-root`, `not-triangles`,
+//! `factor-out-of-range`, `ies-tilt`, `incomplete-triangle`, `lod-levels`, `missing-texcoord`, `no-positions`, `no-triangles`, `not-a-root`, `not-triangles`,
 //! `trailing-bytes`, `unsupported-extension`, `unused-rule`.
 
 mod accessor;
@@ -29,9 +29,13 @@ mod extensions;
 mod extras;
 mod geometry;
 mod group;
+pub mod ies;
+mod image_light;
 mod images;
 mod instances;
 mod instancing;
+mod lamps;
+mod levels;
 mod light;
 mod load;
 mod material;
@@ -41,6 +45,7 @@ mod optics;
 mod origin;
 mod pose;
 mod primitive;
+mod profile;
 mod punctual;
 mod rules;
 pub mod schema;
@@ -48,6 +53,8 @@ mod surface;
 mod texture;
 mod treat;
 mod uri;
+mod variants;
+mod volume;
 
 pub use accessor::AccessorData;
 pub use copies::{Copied, Copies, Placement};
@@ -60,8 +67,10 @@ pub use light::{Light, Sky};
 pub use load::{SHARE_FROM, Settings, load, load_bytes};
 pub use material::{Alpha, Material, TextureRef, Translucency};
 pub use origin::{Cuts, Origin};
+pub use profile::Profile;
 pub use rules::{Glob, Rule, Treatment};
 pub use texture::{Texture, Wrap};
+pub use volume::Volume;
 
 use core::ops::Range;
 use glam::{DVec3, Mat4, Vec2, Vec3, Vec4};
@@ -89,7 +98,7 @@ pub struct Scene {
     pub groups: Groups,
     /// Light from infinity in every direction.
     pub sky: Sky,
-    /// Further light from infinity, by picture; no document holds one, so the loader leaves it empty.
+    /// Further light from infinity, by picture: that of `EXT_lights_image_based`, unless the settings have a sky.
     pub environment: Option<Environment>,
     /// Cameras in world space.
     pub cameras: Vec<Camera>,
@@ -136,6 +145,8 @@ pub struct Part {
     pub material: usize,
     /// The node's transform mirrors, so the winding of `triangles` is the reverse of the document's.
     pub mirrored: bool,
+    /// Cube root of what the node's transform multiplies volumes by.
+    pub scale: f32,
     /// No normals in the document: shading normals are the triangles' own.
     pub flat: bool,
     /// The primitive has a `TEXCOORD_1` (then `Vertices::uv[1]` holds it).

@@ -6,9 +6,12 @@
 //! Invariants of a [`Walk`]: `worlds` has one finite, affine matrix per node of the document; `placed` lists each node
 //! of the scene once, parents before children.
 //!
+//! Coarser levels of `MSFT_lod` are not visible, nor is what is below them.
+//!
 //! A listed node whose parent is not in the scene is a root: what is above it does not move it.
 
 use super::Error;
+use super::levels;
 use super::schema::Node;
 use super::schema::Root;
 use crate::base::Warning;
@@ -37,7 +40,7 @@ pub(super) struct Walk {
 
 /// Resolves the tree for scene `scene`, or the default one.
 ///
-/// Warning: `not-a-root`.
+/// Warnings: `not-a-root`, `lod-levels`.
 pub(super) fn walk(root: &Root, scene: Option<usize>, warnings: &mut Vec<Warning>) -> Result<Walk, Error> {
     let mut parents = parents(root)?;
     let mut worlds = worlds(root, &parents)?;
@@ -55,11 +58,16 @@ pub(super) fn walk(root: &Root, scene: Option<usize>, warnings: &mut Vec<Warning
             *flag = true;
         }
     }
+    let coarser = levels::coarser(root);
     let mut placed = Vec::new();
     let mut stack: Vec<(usize, bool, bool)> = roots.into_iter().rev().map(|node| (node, true, false)).collect();
     while let Some((index, visible, animated)) = stack.pop() {
         let node = &root.nodes[index];
-        let visible = visible && node.extensions.visibility.as_ref().is_none_or(|v| v.visible);
+        let shown = visible && node.extensions.visibility.as_ref().is_none_or(|v| v.visible);
+        let visible = shown && coarser[index].is_none();
+        if let Some(finest) = coarser[index].filter(|_| shown) {
+            warnings.push(levels::warning(root, index, finest));
+        }
         let animated = animated || moved[index];
         placed.push(Placed { node: index, visible, animated });
         stack.extend(node.children.iter().rev().map(|&child| (child, visible, animated)));

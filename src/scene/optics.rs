@@ -9,8 +9,8 @@
 //!   its own: τ = d · (1 − f) · (1 − metallic) · colour there, and ρ is (1 − d) of what it was. Light falls on both sides of
 //!   such a surface, also if it is single-sided.
 //!
-//! Limits: every surface counts as a sheet. Light that goes through a solid of glass meets two and is tinted twice;
-//! roughness, refraction and `KHR_materials_volume` are left out.
+//! Limits: light that goes through a solid of glass meets two surfaces, so the base colour tints it twice (`volume` has what it
+//! loses between them); roughness and refraction are left out.
 
 use super::schema::Pbr;
 use super::schema::TextureInfo;
@@ -74,6 +74,20 @@ impl Default for DiffuseTransmission {
             diffuse_transmission_color_factor: [1.0; 3],
             diffuse_transmission_color_texture: None,
         }
+    }
+}
+
+/// `KHR_materials_emissive_strength`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub struct EmissiveStrength {
+    /// Factor of the emission.
+    pub emissive_strength: f32,
+}
+
+impl Default for EmissiveStrength {
+    fn default() -> Self {
+        Self { emissive_strength: 1.0 }
     }
 }
 

@@ -29,6 +29,15 @@ impl Pose {
         }
     }
 
+    /// Cube root of what it multiplies volumes by; of a skin, at its first vertex.
+    pub(super) fn scale(&self) -> f32 {
+        let world = match self {
+            Self::Rigid(world) => Some(world),
+            Self::Skinned(worlds) => worlds.first(),
+        };
+        world.map_or(1.0, |world| libm::cbrt(world.determinant().abs()) as f32)
+    }
+
     /// The transform turns counter-clockwise triangles into clockwise ones.
     pub(super) fn mirrors(&self) -> bool {
         match self {

@@ -1,4 +1,4 @@
-//! Lights of `KHR_lights_punctual` in world space.
+//! Lights of `KHR_lights_punctual` and `EXT_lights_ies` in world space.
 //!
 //! Defaults of the extension: white, intensity 1, no range, cone 0 to π/4. A node's scale changes neither intensity nor
 //! range. Beyond the extension, `extras` of a light may hold `radius` [m] for point and spot lights, and `angle` [rad],
@@ -6,57 +6,135 @@
 
 use super::Error;
 use super::Light;
+use super::Profile;
+use super::lamps::Profiles;
 use super::nodes::Walk;
 use super::schema::LightEntry;
+use super::schema::NodeProfile;
 use super::schema::Root;
 use super::treat::Treater;
 use crate::base::Rgb;
 use crate::base::Warning;
 use core::f32::consts::FRAC_PI_2;
-use glam::DMat4;
+use glam::{DMat4, Mat3};
+use std::sync::Arc;
 
-/// All lights of the visible nodes, in document order, and the names of their groups. `sizes` overrides angle [rad] of
-/// every sun and radius [m] of every other light; `treater` knows what rules and `extras` say.
+/// All lights of the visible nodes, in document order, and the names of their groups.
+#[derive(Default)]
+struct Found {
+    lights: Vec<Light>,
+    groups: Vec<Option<String>>,
+}
+
+/// `sizes` overrides angle [rad] of every sun and radius [m] of every other light; `treater` knows what rules and
+/// `extras` say, `profiles` what IES files do.
 pub(super) fn read(
     root: &Root,
     walk: &Walk,
+    profiles: &Profiles,
     sizes: [Option<f32>; 2],
     treater: &mut Treater<'_>,
     warnings: &mut Vec<Warning>,
 ) -> Result<(Vec<Light>, Vec<Option<String>>), Error> {
-    let (mut lights, mut groups) = (Vec::new(), Vec::new());
+    let mut found = Found::default();
     for placed in walk.placed.iter().filter(|p| p.visible) {
-        let Some(reference) = &root.nodes[placed.node].extensions.light else { continue };
+        let (extensions, world) = (&root.nodes[placed.node].extensions, walk.worlds[placed.node]);
+        if extensions.light.is_none() && extensions.ies.is_none() {
+            continue;
+        }
         let name = root.node_name(placed.node);
-        let index = reference.light.unwrap_or(usize::MAX);
-        let entry = root.lights().get(index).ok_or_else(|| {
-            let have = root.lights().len();
-            Error::invalid(format!("node {name}: its light does not exist, the document has {have}"))
-        })?;
         let mut odd =
             |what: String| warnings.push(Warning::new("bad-light", format!("light of node {name}: {what}")).at(&name));
-        let (factor, group) = treater.light(placed.node, index);
-        if let Some(light) = convert(entry, walk.worlds[placed.node], sizes, factor, &mut odd) {
-            lights.push(light);
-            groups.push(group);
+        if let Some(reference) = &extensions.light {
+            let index = reference.light.unwrap_or(usize::MAX);
+            let entry = root.lights().get(index).ok_or_else(|| {
+                let have = root.lights().len();
+                Error::invalid(format!("node {name}: its light does not exist, the document has {have}"))
+            })?;
+            let (factor, group) = treater.light(placed.node, index);
+            let profile = profiles.of_lights.get(&index);
+            found.add(convert(entry, world, profile, sizes, factor, &mut odd), group);
+        }
+        if let Some(reference) = &extensions.ies
+            && let Some(index) = reference.light
+            && let Some(profile) = profiles.measured.get(&index)
+        {
+            let (factor, group) = treater.profile(placed.node, index);
+            found.add(measured(reference, world, profile, sizes[1], factor, &mut odd), group);
         }
         if placed.animated {
             let what = format!("node {name} is animated: its light was baked where it stands at rest");
             warnings.push(Warning::new("animated-node", what).at(&name));
         }
     }
-    Ok((lights, groups))
+    Ok((found.lights, found.groups))
+}
+
+impl Found {
+    fn add(&mut self, light: Option<Light>, group: Option<String>) {
+        if let Some(light) = light {
+            self.lights.push(light);
+            self.groups.push(group);
+        }
+    }
+}
+
+/// A lamp of `EXT_lights_ies`.
+fn measured(
+    reference: &NodeProfile,
+    world: DMat4,
+    profile: &Arc<Profile>,
+    radius: Option<f32>,
+    factor: f32,
+    odd: &mut impl FnMut(String),
+) -> Option<Light> {
+    let color = Rgb::from_array(reference.color);
+    let clamped = color.clamp(Rgb::ZERO, Rgb::ONE);
+    if color != clamped {
+        odd("its colour is outside [0, 1] and was clamped".to_owned());
+    }
+    let power = if color.is_finite() { clamped * (reference.multiplier * factor) } else { color };
+    lamp(world, profile, power, f32::INFINITY, radius.unwrap_or(0.0), odd)
+}
+
+/// A lamp with a profile, whose candela are multiplied by `power`.
+fn lamp(
+    world: DMat4,
+    profile: &Arc<Profile>,
+    power: Rgb,
+    range: f32,
+    radius: f32,
+    odd: &mut impl FnMut(String),
+) -> Option<Light> {
+    let usable = |v: Rgb| v.is_finite() && v.min_element() >= 0.0;
+    if !(usable(power) && usable(power * profile.peak())) {
+        odd("its colour or intensity is negative or not finite; it was left out".to_owned());
+        return None;
+    }
+    let [x, z] = [world.x_axis, world.z_axis].map(|axis| axis.truncate());
+    let [x, z] = [x, z].map(|axis| (axis / axis.abs().max_element()).normalize_or_zero());
+    let x = (x - z * x.dot(z)).normalize_or_zero();
+    let y = z.cross(x) * if world.determinant() < 0.0 { -1.0 } else { 1.0 };
+    if !(x.is_normalized() && z.is_normalized()) {
+        odd("its node has no direction (scaled to zero); it was left out".to_owned());
+        return None;
+    }
+    let axes = Mat3::from_cols(x.as_vec3(), y.as_vec3(), z.as_vec3());
+    let position = world.w_axis.truncate().as_vec3();
+    Some(Light::Profiled { position, axes, factor: power, range, radius, profile: Arc::clone(profile) })
 }
 
 /// `None` = the light cannot be used, and `odd` heard why. Its intensity is multiplied by `factor`.
 fn convert(
     entry: &LightEntry,
     world: DMat4,
+    profile: Option<&Arc<Profile>>,
     sizes: [Option<f32>; 2],
     factor: f32,
     odd: &mut impl FnMut(String),
 ) -> Option<Light> {
-    let power = Rgb::from_array(entry.color) * (entry.intensity * factor);
+    let own = if profile.is_some() { 1.0 } else { entry.intensity };
+    let power = Rgb::from_array(entry.color) * (own * factor);
     if !(power.is_finite() && power.min_element() >= 0.0) {
         odd("its colour or intensity is negative or not finite; it was left out".to_owned());
         return None;
@@ -78,6 +156,9 @@ fn convert(
         }
         None => f32::INFINITY,
     };
+    if let Some(profile) = profile {
+        return lamp(world, profile, power, range, radius, odd);
+    }
     let position = world.w_axis.truncate().as_vec3();
     let axis = -world.z_axis.truncate();
     let direction = (axis / axis.abs().max_element()).normalize_or_zero().as_vec3();

@@ -14,9 +14,14 @@
 
 pub use super::draco::Draco;
 pub use super::extras::Own;
+pub use super::image_light::{ImageLightList, SceneExtensions};
 pub use super::instancing::Instancing;
+pub use super::lamps::{NodeProfile, ProfileEntry, ProfileList};
+pub use super::levels::Levels;
 pub use super::meshopt::{CompressedView, Fallback, Meshopt};
-pub use super::optics::{DiffuseTransmission, SpecularGlossiness, Transmission};
+pub use super::optics::{DiffuseTransmission, EmissiveStrength, SpecularGlossiness, Transmission};
+pub use super::variants::{Mappings, VariantList};
+pub use super::volume::VolumeEntry;
 use serde::Deserialize;
 use serde::Deserializer;
 use serde::de::IgnoredAny;
@@ -63,6 +68,12 @@ pub struct Asset {
 pub struct RootExtensions {
     #[serde(rename = "KHR_lights_punctual")]
     pub lights: Option<LightList>,
+    #[serde(rename = "EXT_lights_ies")]
+    pub profiles: Option<ProfileList>,
+    #[serde(rename = "EXT_lights_image_based")]
+    pub image_lights: Option<ImageLightList>,
+    #[serde(rename = "KHR_materials_variants")]
+    pub variants: Option<VariantList>,
 }
 
 #[derive(Debug, Default, Clone, Deserialize)]
@@ -117,6 +128,7 @@ pub struct SceneEntry {
     pub name: Option<String>,
     #[serde(deserialize_with = "list")]
     pub nodes: Vec<usize>,
+    pub extensions: SceneExtensions,
 }
 
 #[derive(Debug, Default, Clone, Deserialize)]
@@ -148,10 +160,14 @@ pub struct Node {
 pub struct NodeExtensions {
     #[serde(rename = "KHR_lights_punctual")]
     pub light: Option<NodeLight>,
+    #[serde(rename = "EXT_lights_ies")]
+    pub ies: Option<NodeProfile>,
     #[serde(rename = "KHR_node_visibility")]
     pub visibility: Option<Visibility>,
     #[serde(rename = "EXT_mesh_gpu_instancing")]
     pub instancing: Option<Instancing>,
+    #[serde(rename = "MSFT_lod")]
+    pub levels: Option<Levels>,
 }
 
 #[derive(Debug, Default, Clone, Deserialize)]
@@ -203,6 +219,8 @@ pub struct Primitive {
 pub struct PrimitiveExtensions {
     #[serde(rename = "KHR_draco_mesh_compression")]
     pub draco: Option<Draco>,
+    #[serde(rename = "KHR_materials_variants")]
+    pub variants: Option<Mappings>,
 }
 
 #[derive(Debug, Default, Clone, Deserialize)]
@@ -329,22 +347,12 @@ pub struct MaterialExtensions {
     pub specular_glossiness: Option<SpecularGlossiness>,
     #[serde(rename = "KHR_materials_transmission")]
     pub transmission: Option<Transmission>,
+    #[serde(rename = "KHR_materials_volume")]
+    pub volume: Option<VolumeEntry>,
     #[serde(rename = "KHR_materials_diffuse_transmission")]
     pub diffuse_transmission: Option<DiffuseTransmission>,
     #[serde(rename = "MOZ_lightmap")]
     pub lightmap: Option<TextureInfo>,
-}
-
-#[derive(Debug, Clone, Deserialize)]
-#[serde(default, rename_all = "camelCase")]
-pub struct EmissiveStrength {
-    pub emissive_strength: f32,
-}
-
-impl Default for EmissiveStrength {
-    fn default() -> Self {
-        Self { emissive_strength: 1.0 }
-    }
 }
 
 #[derive(Debug, Default, Clone, Deserialize)]
@@ -498,6 +506,12 @@ impl Root {
     #[must_use]
     pub fn lights(&self) -> &[LightEntry] {
         self.extensions.lights.as_ref().map_or(&[], |l| &l.lights)
+    }
+
+    /// The files of `EXT_lights_ies`.
+    #[must_use]
+    pub fn profiles(&self) -> &[ProfileEntry] {
+        self.extensions.profiles.as_ref().map_or(&[], |l| &l.lights)
     }
 }
 

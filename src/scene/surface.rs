@@ -181,6 +181,15 @@ impl Scene {
         past + color * (coverage * through)
     }
 
+    /// Share of the light that a sheet with a volume leaves of what passes it at this point.
+    #[must_use]
+    pub fn sheet_transmittance(&self, triangle: u32, b: Vec2) -> Rgb {
+        let Some(volume) = &self.material(triangle).volume else { return Rgb::ONE };
+        let texel = |r: &TextureRef| self.textures[r.texture].sample_linear(self.texture_uv(triangle, b, r)).y;
+        let thickness = volume.thickness_texture.as_ref().map_or(volume.thickness, |r| volume.thickness * texel(r));
+        volume.left_after(thickness * self.part(triangle).scale)
+    }
+
     /// What alpha leaves of the surface at this point, in [0, 1].
     fn coverage(&self, material: &Material, triangle: u32, b: Vec2) -> f32 {
         match material.alpha {

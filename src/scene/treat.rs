@@ -164,14 +164,25 @@ impl<'a> Treater<'a> {
 
     /// Factor of the intensity of a light that a node places, and its group.
     pub(super) fn light(&mut self, node: usize, light: usize) -> (f32, Option<String>) {
-        let of_node = &self.nodes[node];
-        let mut wishes = of_node.wishes.clone().over(&self.lights[light]);
         let name = name_of(self.root.lights()[light].name.as_deref(), "light", light);
+        let own = self.lights[light].clone();
+        self.light_called(node, &name, &own)
+    }
+
+    /// The same for one of `EXT_lights_ies`.
+    pub(super) fn profile(&mut self, node: usize, profile: usize) -> (f32, Option<String>) {
+        let name = name_of(self.root.profiles()[profile].name.as_deref(), "light", profile);
+        self.light_called(node, &name, &Wishes::default())
+    }
+
+    fn light_called(&mut self, node: usize, name: &str, own: &Wishes) -> (f32, Option<String>) {
+        let of_node = &self.nodes[node];
+        let mut wishes = of_node.wishes.clone().over(own);
         for (r, rule) in self.rules.iter().enumerate() {
             let fits = rule.meshes.is_empty()
                 && rule.materials.is_empty()
                 && (rule.nodes.is_empty() || of_node.rules.contains(&r))
-                && (rule.lights.is_empty() || is_any(&rule.lights, &name));
+                && (rule.lights.is_empty() || is_any(&rule.lights, name));
             if fits {
                 let own = rule.wishes();
                 self.used[r] |= own.intensity.is_some() || own.light_group.is_some();

@@ -25,6 +25,7 @@ mod lift;
 mod machine;
 mod origin;
 mod solid;
+mod solids;
 mod split;
 mod stack;
 mod tint;
@@ -90,6 +91,8 @@ pub struct Tracer<'a> {
     transparent: bool,
     /// Some material gives light a colour that passes it.
     tints: bool,
+    /// What parts are to light inside of them; empty if that does not matter.
+    bodies: Vec<solids::Body>,
     /// The machine has AVX2.
     #[cfg(target_arch = "x86_64")]
     avx2: Option<machine::Avx2>,
@@ -161,6 +164,7 @@ impl<'a> Tracer<'a> {
             reach,
             transparent: scene.materials.iter().any(|m| !m.is_opaque()),
             tints: scene.materials.iter().any(|m| m.transmission > 0.0),
+            bodies: solids::bodies(scene),
             #[cfg(target_arch = "x86_64")]
             avx2,
         }

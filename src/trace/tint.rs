@@ -6,6 +6,8 @@
 //!   channel (`stops` in `traverse`). What they bring is to be multiplied by transmittance over that probability. Only
 //!   materials of `KHR_materials_transmission` have a colour.
 //!
+//! What coloured solids take (`solids`) is no chance in either: it is multiplied.
+//!
 //! Invariant: the mean over many rays of either kind is the same. Scenes without transparent materials pay for one branch.
 
 use super::Ray;
@@ -46,15 +48,15 @@ impl Tracer<'_> {
         })
     }
 
-    /// Product of a factor over all transparent triangles that a ray crosses.
+    /// Product of a factor over all transparent triangles that a ray crosses, and of what solids between them leave.
     #[cold]
     fn product(&self, ray: &Ray3, factor: impl Fn(u32, Vec2) -> Rgb) -> Rgb {
-        let mut product = Rgb::ONE;
+        let (mut product, mut walls) = (Rgb::ONE, vec![]);
         self.each_crossed(ray, |c| {
             if c.transparent {
-                product *= factor(c.triangle, c.weights());
+                product *= factor(c.triangle, c.weights()) * self.cross(&c, &mut walls);
             }
         });
-        product
+        if walls.is_empty() { product } else { product * self.left_by_solids(ray, &mut walls) }
     }
 }

@@ -1,7 +1,7 @@
 //! Small valid inputs of every kind, to be changed: documents, pictures, environment maps, lightmaps, configuration.
 
 use crate::compressed;
-use crate::gltf_builder::{Builder, glb, png, words};
+use crate::gltf_builder::{Builder, data_uri, glb, png, words};
 use crate::rich;
 use image::{DynamicImage, ImageFormat};
 use serde_json::{Value, json};
@@ -44,6 +44,8 @@ pub(crate) struct Samples {
     /// Radiance HDR and EXR with every compression that can be written.
     pub(crate) pictures: Vec<Vec<u8>>,
     pub(crate) configurations: Vec<String>,
+    /// IES files of every photometric type.
+    pub(crate) lamps: Vec<String>,
     /// A bake with its pages in every format.
     pub(crate) baked: Document,
     pub(crate) pages: Vec<(PathBuf, Vec<u8>)>,
@@ -61,7 +63,7 @@ impl Samples {
         let mut configurations: Vec<String> = presets.iter().map(preset).collect();
         configurations.push(CONFIGURATION.to_owned());
         let (documents, images, pictures) = (documents(), images(), pictures());
-        Self { documents, images, pictures, configurations, baked, pages, folder }
+        Self { documents, images, pictures, configurations, lamps: lamps(), baked, pages, folder }
     }
 
     pub(crate) fn path(&self, name: &str) -> PathBuf {
@@ -74,12 +76,75 @@ const CONFIGURATION: &str = "texel-size = 0.5\npage-size = 256\nmax-pages = 2\np
     sky-horizon = [1, 1, 1]\nsun-angle = 0.5\nenvironment = \"sky.hdr\"\nenvironment-rotation = -90.0\nseed = 7\n\
     target-error = 0.02\ntime-limit = 3.5\nbounces = 4\nthreads = 2\nlight-radius = 0.1\n";
 
+fn lamps() -> Vec<String> {
+    let file = |first: &str, tilt: &str, kind: u32, horizontal: &str, vertical: &str| {
+        let [h, v] = [horizontal, vertical].map(|angles| angles.split(' ').count());
+        let candela = (0..h * v).map(|k| format!("{}", 10 + 7 * k % 5)).collect::<Vec<_>>().join(" ");
+        format!("{first}\nTILT={tilt}\n1 -1 1.5 {v} {h} {kind} 2 0 0.1 0\n1 1 9\n{vertical}\n{horizontal}\n{candela}\n")
+    };
+    vec![
+        file("IESNA:LM-63-2002", "NONE", 1, "0", "0 45 90"),
+        file("IESNA:LM-63-1995", "NONE", 1, "90 180 270", "0 30 60 90"),
+        file("IES:LM-63-2019\n[TEST] 1", "NONE", 1, "0 90 180 270 360", "0 90 180"),
+        file("IESNA91", "INCLUDE\n1\n2\n0 90\n1 0.9", 2, "0 45 90", "-90 0 90"),
+        file("[TEST] 1986", "NONE", 3, "-90 0 90", "0 90"),
+    ]
+}
+
+/// A triangle under lamps, one in a view and one in a URI.
+fn lamp_over_triangle() -> Builder {
+    let mut b = Builder::triangle();
+    let lamps = lamps();
+    let view = b.view(lamps[1].as_bytes(), json!({}));
+    let uri = data_uri("application/x-ies-lm-63", lamps[3].as_bytes());
+    let list = json!([{"bufferView": view, "mimeType": "application/x-ies-lm-63"}, {"uri": uri}]);
+    let light = json!({"type": "spot", "extras": {"texelwalk": {"ies": uri}}});
+    b.json["extensionsUsed"] = json!(["EXT_lights_ies", "KHR_lights_punctual"]);
+    b.json["extensions"] = json!({"EXT_lights_ies": {"lights": list}, "KHR_lights_punctual": {"lights": [light]}});
+    let own = |k: usize| {
+        json!({"EXT_lights_ies": {"light": k, "multiplier": 2, "color": [1, 0.5, 1]},
+        "KHR_lights_punctual": {"light": 0}})
+    };
+    b.push("nodes", json!({"translation": [0.3, 0.3, 2], "extensions": own(0)}));
+    b.push("nodes", json!({"translation": [0.3, 0.1, 1], "rotation": [0.6, 0, 0, 0.8], "extensions": own(1)}));
+    b
+}
+
+/// A sheet and a solid of coloured glass in variants and levels, under faces of a cube.
+fn glass_under_cube() -> Builder {
+    let volume = json!({"thicknessFactor": 0.1, "attenuationDistance": 0.2, "attenuationColor": [0.9, 0.5, 0.1]});
+    let glass = json!({"extensions": {"KHR_materials_transmission": {"transmissionFactor": 0.9}, "KHR_materials_volume": volume}});
+    let mut b = Builder::square(json!({}));
+    b.push("materials", glass);
+    let mappings = json!([{"material": 1, "variants": [0]}]);
+    b.set("/meshes/0/primitives/0/extensions", json!({"KHR_materials_variants": {"mappings": mappings}}));
+    let position = b.floats("VEC3", &[0., 0., 0., 1., 0., 0., 0., 1., 0., 0., 0., 1.]);
+    let indices = b.accessor(5121, "SCALAR", 12, &[0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, 3], json!({}));
+    let solid = json!({"attributes": {"POSITION": position}, "indices": indices, "material": 1});
+    b.push("meshes", json!({"primitives": [solid]}));
+    b.push("nodes", json!({"mesh": 1, "extensions": {"MSFT_lod": {"ids": [2]}}}));
+    b.push("nodes", json!({"mesh": 0}));
+    let mut face = || {
+        let view = b.view(&png(1, &[[200, 100, 50, 128]]), json!({}));
+        b.push("images", json!({"bufferView": view, "mimeType": "image/png"}))
+    };
+    let level: Vec<usize> = (0..6).map(|_| face()).collect();
+    let light = json!({"specularImages": [level], "irradianceCoefficients": [[1, 1, 1]], "rotation": [0.6, 0, 0, 0.8]});
+    let list = |key: &str, value: Value| json!({key: [value]});
+    b.json["extensions"] = json!({"EXT_lights_image_based": list("lights", light),
+        "KHR_materials_variants": list("variants", json!({"name": "night"}))});
+    b.push("scenes", json!({"nodes": [0, 1, 2], "extensions": {"EXT_lights_image_based": {"light": 0}}}));
+    b
+}
+
 fn documents() -> Vec<Document> {
     let mut all = vec![
         rich::document(),
         Builder::triangle(),
         box_of_squares(),
         strips_and_quantised(),
+        lamp_over_triangle(),
+        glass_under_cube(),
         compressed::meshopt_square("EXT_meshopt_compression"),
         compressed::meshopt_square("KHR_meshopt_compression"),
         compressed::draco_square(),

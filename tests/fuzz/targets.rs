@@ -11,7 +11,7 @@ use texelwalk::output::gltf::{Quantity, write_gltf};
 use texelwalk::output::names::page_files;
 use texelwalk::output::{exr, gltf};
 use texelwalk::render::{self, Lightmaps};
-use texelwalk::scene::{self, Environment, Scene};
+use texelwalk::scene::{self, Environment, Scene, ies};
 use texelwalk::settings::{Options, Preset};
 use texelwalk::{atlas, check};
 
@@ -31,14 +31,15 @@ pub(crate) struct Target {
 }
 
 /// All of them. Shares follow from how much there is to find and what an execution costs.
-pub(crate) const ALL: [Target; 9] = [
-    Target { name: "document", run: document, share: 460 },
+pub(crate) const ALL: [Target; 10] = [
+    Target { name: "document", run: document, share: 420 },
     Target { name: "image", run: image, share: 170 },
     Target { name: "configuration", run: configuration, share: 100 },
     Target { name: "environment", run: environment, share: 80 },
     Target { name: "picture", run: picture, share: 80 },
     Target { name: "rewrite", run: rewrite, share: 60 },
     Target { name: "baked", run: baked, share: 40 },
+    Target { name: "ies", run: lamp, share: 40 },
     Target { name: "check", run: checked, share: 6 },
     Target { name: "bake", run: bake, share: 4 },
 ];
@@ -72,7 +73,10 @@ fn with_data_uri(document: &Document) -> Vec<u8> {
 }
 
 fn load(bytes: &[u8]) -> Option<Scene> {
-    match scene::load_bytes(bytes.to_vec(), Path::new("/nowhere/a.gltf"), &scene::Settings::default()) {
+    // A variant is asked for where a document says its name, in whatever place.
+    let variant = bytes.windows(7).any(|w| w == b"\"night\"").then(|| "night".to_owned());
+    let how = scene::Settings { variant, ..scene::Settings::default() };
+    match scene::load_bytes(bytes.to_vec(), Path::new("/nowhere/a.gltf"), &how) {
         Ok(loaded) => Some(loaded.output),
         Err(error) => {
             let message = error.to_string();
@@ -174,6 +178,30 @@ fn environment(samples: &Samples, random: &mut Random) -> Outcome {
         }
     }
     Outcome { bytes, accepted: map.is_ok() }
+}
+
+/// An IES file; what is read has no surprises in any direction.
+fn lamp(samples: &Samples, random: &mut Random) -> Outcome {
+    let mut text = random.pick(&samples.lamps).clone().into_bytes();
+    if random.one_in(4) {
+        mutate::bytes(&mut text, random.pick(&samples.lamps).as_bytes(), random);
+    } else {
+        mutate::text(&mut text, random);
+    }
+    let read = ies::read(&text);
+    match &read {
+        Ok(ies::Read { profile, .. }) => {
+            assert!(profile.flux().is_finite() && profile.flux() >= 0.0 && profile.peak().is_finite());
+            let drawn = [0.0, 0.3, 0.999_999].map(|u| profile.sample(Vec2::new(u, 1.0 - u))).into_iter().flatten();
+            let ends = [glam::Vec3::X, glam::Vec3::NEG_Z, glam::Vec3::new(0.6, 0.0, -0.8)].map(|d| (d, 0.0));
+            for (direction, weight) in drawn.chain(ends) {
+                let candela = profile.candela(direction);
+                assert!(weight.is_finite() && (0.0..=profile.peak()).contains(&candela));
+            }
+        }
+        Err(error) => assert!(error.to_string().len() < 700, "{error}"),
+    }
+    Outcome { bytes: text.len(), accepted: read.is_ok() }
 }
 
 fn picture(samples: &Samples, random: &mut Random) -> Outcome {

@@ -34,6 +34,7 @@ const NONE: Settings = Settings {
     rules: vec![],
     instances: scene::Instances::Unique,
     share_from: None,
+    variant: None,
 };
 
 fn load_with(b: &Builder, settings: &Settings) -> Warned<Scene> {

@@ -107,8 +107,12 @@ impl<'a> Container<'a> {
         splice.append_at(root, "bufferViews", appended.views).map_err(fault)?;
         splice.append_at(root, "accessors", appended.accessors).map_err(fault)?;
         let skipped = usize::from(moved_into_bin.is_some());
-        self.rebase(splice, self.buffers.iter().skip(skipped))?;
-        self.rebase(splice, root.array("images").iter())?;
+        self.rebase(splice, self.buffers.iter().skip(skipped), "uri")?;
+        self.rebase(splice, root.array("images").iter(), "uri")?;
+        let lights = |name: &str| root.find(&["extensions", name]).map(|e| e.array("lights")).unwrap_or_default();
+        self.rebase(splice, lights("EXT_lights_ies").iter(), "uri")?;
+        let wishes = lights("KHR_lights_punctual").into_iter().filter_map(|l| l.find(&["extras", "texelwalk"]));
+        self.rebase(splice, wishes.collect::<Vec<_>>().iter(), "ies")?;
         if !self.glb && !self.document.extra_chunks.is_empty() {
             let message = "GLB chunks other than JSON and BIN cannot be kept in a .gltf file; they were dropped";
             warnings.push(Warning::new("glb-chunk-dropped", message));
@@ -130,12 +134,18 @@ impl<'a> Container<'a> {
         Ok(())
     }
 
-    fn rebase<'e>(&self, splice: &mut Splice<'a>, elements: impl Iterator<Item = &'e Element<'a>>) -> Result<(), Error>
+    /// Turns what leads from the input's folder to files so that it leads there from the output's.
+    fn rebase<'e>(
+        &self,
+        splice: &mut Splice<'a>,
+        elements: impl Iterator<Item = &'e Element<'a>>,
+        key: &str,
+    ) -> Result<(), Error>
     where
         'a: 'e,
     {
         let prefix = uri_prefix(parent(self.output), parent(&self.document.path))?;
-        for uri in elements.filter_map(|e| e.get("uri")) {
+        for uri in elements.filter_map(|e| e.get(key)) {
             let old = uri.string().unwrap_or_default();
             let new = rebased(&old, &prefix);
             if new != old {
