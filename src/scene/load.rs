@@ -8,6 +8,7 @@ use super::Sky;
 use super::cameras;
 use super::error;
 use super::extensions;
+use super::footprint::Footprint;
 use super::geometry;
 use super::group::Groups;
 use super::images;
@@ -31,6 +32,8 @@ pub struct Settings {
     pub light_radius: Option<f32>,
     /// What to do otherwise with what has certain names; later ones win.
     pub rules: Vec<Rule>,
+    /// Most memory that a bake may need for the scene alone [bytes].
+    pub memory_limit: Option<u64>,
 }
 
 /// Reads a glTF or GLB file, and the buffers and images that it refers to.
@@ -60,6 +63,8 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
     document.expand_instances()?;
     let mut walk = nodes::walk(&document.root, settings.scene, &mut warnings)?;
     let mut materials = material::read(&document.root, &mut warnings)?;
+    let mut footprint = Footprint::of_document(&document, &walk);
+    footprint.admit(settings.memory_limit)?;
     let mut geometry = geometry::read(&document, &mut walk, &materials, &mut warnings)?;
     if geometry.triangles.is_empty() {
         return Err(Error::invalid("nothing to bake: the scene has no visible triangles"));
@@ -79,7 +84,10 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         material.transmission_texture = None;
         material.translucency = None;
     }
-    let textures = images::decode(&mut document, &materials, &mut warnings)?;
+    let textures = images::decode(&mut document, &materials, &mut warnings, |pixels| {
+        footprint.texture_pixels = pixels;
+        footprint.admit(settings.memory_limit)
+    })?;
     let cameras = cameras::read(&document.root, &walk, &mut warnings);
     let scene = Scene {
         document,
