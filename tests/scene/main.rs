@@ -32,6 +32,7 @@ const NONE: Settings = Settings {
     sun_angle: None,
     light_radius: None,
     rules: vec![],
+    memory_limit: None,
 };
 
 fn load_with(b: &Builder, settings: &Settings) -> Warned<Scene> {
