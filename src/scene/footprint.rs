@@ -35,7 +35,7 @@ const PER_TRIANGLE: u64 = 300;
 const PER_PART: u64 = 4096;
 /// More for the first [`FEW`] triangles: freed buffers of that size stay with the allocator. A bake of 1.0 million took
 /// 602 MB, of 10.0 million 3.45 GB.
-const PER_FIRST_TRIANGLE: u64 = 170;
+const PER_FIRST_TRIANGLE: u64 = 250;
 const FEW: u64 = 1 << 20;
 /// Four channels, and what is in the hands of the decoder.
 const PER_PIXEL: u64 = 5;
