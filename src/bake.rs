@@ -23,6 +23,7 @@ use crate::base::{Progress, Rgb, Warned, Warning, parallel};
 use crate::contacts;
 use crate::finish::{self, Errors, Lightmap};
 use crate::gather;
+use crate::memory::Estimate;
 use crate::output::{self, report};
 use crate::patches::{PatchGraph, Patches};
 use crate::scene::{self, Scene};
@@ -68,6 +69,9 @@ pub enum Error {
     /// There is no atlas.
     #[error(transparent)]
     Atlas(#[from] atlas::Error),
+    /// It needs more memory than it may have.
+    #[error("{0}")]
+    Memory(String),
     /// The results cannot be written.
     #[error(transparent)]
     Output(#[from] output::Error),
@@ -130,6 +134,7 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     let charted = clock.timed("atlas", |_| atlas::build(&scene, &atlas_settings(settings, flag)))??;
     let atlas = charted.output;
     warnings.extend(charted.warnings);
+    admit(&scene, &atlas, settings)?;
     let mut patches = clock.timed("patches", |progress| Patches::new(&tracer, &atlas, progress))?;
     warnings.extend(sides::turn(&tracer, &atlas, &mut patches, settings, &mut clock)?);
     let graph = clock.timed("links", |progress| PatchGraph::new(&patches, &tracer, progress))?;
@@ -187,6 +192,7 @@ fn load(input: &Path, settings: &Settings) -> Result<Warned<Scene>, scene::Error
         instances: settings.scene_instances(),
         share_from: None,
         variant: settings.variant.clone(),
+        memory_limit: settings.memory_limit,
     };
     let mut loaded = scene::load(input, &how)?;
     loaded.warnings.extend(treated::warning(&loaded.output, settings));
@@ -196,6 +202,12 @@ fn load(input: &Path, settings: &Settings) -> Result<Warned<Scene>, scene::Error
         loaded.output.document.files_read.push(path.clone());
     }
     Ok(loaded)
+}
+
+/// Refuses what needs more memory than it may have.
+fn admit(scene: &Scene, atlas: &Atlas, settings: &Settings) -> Result<(), Error> {
+    let refusal = Estimate::new(scene, atlas, settings).refusal(settings.memory_limit);
+    refusal.map_or(Ok(()), |why| Err(Error::Memory(why)))
 }
 
 fn contacts_settings(settings: &Settings) -> contacts::Settings {

@@ -98,7 +98,7 @@ fn start_threads(threads: Option<usize>) -> Result<(), (Exit, String)> {
 fn bake_exit(error: &bake::Error) -> Exit {
     match error {
         bake::Error::Scene(e) => scene_exit(e),
-        bake::Error::Atlas(_) => Exit::Failed,
+        bake::Error::Atlas(_) | bake::Error::Memory(_) => Exit::Failed,
         bake::Error::Output(e) | bake::Error::Html(html::Error::Output(e)) => output_exit(e),
         bake::Error::Html(html::Error::Render(_)) => Exit::Failed,
         bake::Error::Interrupted => Exit::Interrupted,
@@ -109,6 +109,7 @@ fn scene_exit(error: &scene::Error) -> Exit {
     match error.class() {
         scene::Class::Io => Exit::Io,
         scene::Class::Invalid | scene::Class::Unsupported => Exit::Input,
+        scene::Class::Memory => Exit::Failed,
     }
 }
 

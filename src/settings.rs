@@ -9,10 +9,13 @@ mod color;
 mod directional;
 mod formats;
 mod instances;
+mod memory;
 mod rules;
+mod target;
 
 pub use choices::{Aov, DirectMode, Directional, Preset, Quantity, SplatMode, Target, UvMode, VertexAttribute};
 pub use instances::InstancesMode;
+pub use memory::ByteCount;
 
 use crate::atlas::MOST_MIPS;
 use crate::base::Rgb;
@@ -112,6 +115,16 @@ pub struct Options {
         help_heading = "Lightmap"
     )]
     pub light_groups: Option<bool>,
+    /// Write lightmap coordinates as normalised 16-bit integers, half their bytes [default: false]
+    #[arg(
+        long,
+        value_name = "BOOL",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "true",
+        help_heading = "Lightmap"
+    )]
+    pub quantize_uv: Option<bool>,
 
     /// Bake to pictures, or to the vertices of the meshes [default: lightmap]
     #[arg(long, value_enum, value_name = "TARGET", help_heading = "Vertices")]
@@ -210,6 +223,9 @@ pub struct Options {
     /// Worker threads; the result never depends on it [default: all CPUs]
     #[arg(long, value_name = "N", help_heading = "Run")]
     pub threads: Option<usize>,
+    /// Refuse a bake that would need more memory than this, before it is needed: 500MB, 8GiB [default: no limit]
+    #[arg(long, value_name = "SIZE", help_heading = "Run")]
+    pub memory_limit: Option<ByteCount>,
     /// What to do otherwise with what has certain names; later rules win. Not on the command line.
     #[arg(skip)]
     pub rules: Option<Vec<Rule>>,
@@ -260,6 +276,9 @@ pub struct Settings {
     /// A lightmap per group of lights.
     #[serde(skip_serializing_if = "core::ops::Not::not")]
     pub light_groups: bool,
+    /// Lightmap coordinates have 16 bits.
+    #[serde(skip_serializing_if = "core::ops::Not::not")]
+    pub quantize_uv: bool,
     /// What is baked to.
     #[serde(skip_serializing_if = "Target::is_lightmap")]
     pub target: Target,
@@ -320,6 +339,9 @@ pub struct Settings {
     /// What to do otherwise with what has certain names.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub rules: Vec<Rule>,
+    /// Most memory that may be needed [bytes]; no output depends on it.
+    #[serde(skip)]
+    pub memory_limit: Option<u64>,
 }
 
 /// An option that cannot be used, and why.
@@ -377,6 +399,7 @@ impl Options {
             ao_distance,
             directional,
             light_groups,
+            quantize_uv,
             target,
             subdivide,
             vertex_attribute,
@@ -405,6 +428,7 @@ impl Options {
             environment_intensity,
             environment_rotation,
             threads,
+            memory_limit,
             rules
         )
     }
@@ -434,6 +458,7 @@ impl Options {
             ao_distance: self.ao_distance.map(|m| within("--ao-distance", m, 1e-6, f32::INFINITY)).transpose()?,
             directional: self.directional.unwrap_or(Directional::None),
             light_groups: self.light_groups.unwrap_or(false),
+            quantize_uv: self.quantize_uv.unwrap_or(false),
             target: self.target.unwrap_or(Target::Lightmap),
             subdivide: self.subdivide.map(|x| positive("--subdivide", x)).transpose()?,
             vertex_attribute: self.vertex_attribute,
@@ -470,6 +495,7 @@ impl Options {
                 1e4,
             )?,
             rules: self.rules()?,
+            memory_limit: self.memory_limit.map(ByteCount::bytes),
         };
         if settings.beta <= settings.alpha {
             return Err(Invalid(format!("--beta {} must be above --alpha {}", settings.beta, settings.alpha)));
@@ -484,40 +510,6 @@ impl Options {
 }
 
 impl Settings {
-    /// Options of one target make no sense for the other.
-    fn check_target(&self) -> Result<(), Invalid> {
-        let for_vertices = [
-            ("--subdivide", self.subdivide.is_some()),
-            ("--vertex-attribute", self.vertex_attribute.is_some()),
-            ("--vertex-scale", self.vertex_scale.is_some()),
-            ("--unlit", self.unlit),
-        ];
-        let for_lightmaps = [
-            ("--cut-contacts", self.cut_contacts),
-            ("--aov", !self.aov.is_empty()),
-            ("--directional", self.is_directional()),
-            ("--light-groups", self.light_groups),
-            ("--format", self.format != [Format::Exr]),
-            ("--exr-image", self.exr_image),
-            ("--preview-gltf", self.preview_gltf),
-        ];
-        let (other, needed) = match self.target {
-            Target::Lightmap => (for_vertices.as_slice(), "vertex"),
-            Target::Vertex => (for_lightmaps.as_slice(), "lightmap"),
-        };
-        if let Some((option, _)) = other.iter().find(|(_, given)| *given) {
-            return Err(Invalid(format!("{option} needs --target {needed}")));
-        }
-        let color = !matches!(self.vertex_attribute, None | Some(VertexAttribute::Lightmap));
-        match [("--vertex-scale", self.vertex_scale.is_some()), ("--unlit", self.unlit)]
-            .iter()
-            .find(|(_, given)| *given)
-        {
-            Some((option, _)) if !color => Err(Invalid(format!("{option} needs --vertex-attribute color0 or both"))),
-            _ => Ok(()),
-        }
-    }
-
     /// The sky of these settings.
     #[must_use]
     pub fn sky(&self) -> Sky {
@@ -578,15 +570,5 @@ mod tests {
             assert!(wrong(&format!("target-error = {bad}")).contains("--target-error"));
             assert!(wrong(&format!("time-limit = {bad}")).contains("--time-limit"));
         }
-    }
-
-    #[test]
-    fn options_of_the_other_target_are_refused() {
-        let wrong = |text: &str| Options::from_toml(text).unwrap().settings().unwrap_err().to_string();
-        assert_eq!(wrong("subdivide = 0.1"), "--subdivide needs --target vertex");
-        assert_eq!(wrong("target = \"vertex\"\nlight-groups = true"), "--light-groups needs --target lightmap");
-        assert_eq!(wrong("target = \"vertex\"\nunlit = true"), "--unlit needs --vertex-attribute color0 or both");
-        let good = Options::from_toml("target = \"vertex\"\nvertex-attribute = \"both\"\nunlit = true").unwrap();
-        assert_eq!(good.settings().unwrap().target, Target::Vertex);
     }
 }

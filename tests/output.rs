@@ -25,8 +25,12 @@ const QUAD: [[u32; 3]; 2] = [[0, 1, 2], [0, 2, 3]];
 fn bake(input: &Input, atlas: &Atlas, name: &str) -> (Output, Vec<&'static str>) {
     let path = input.folder.path().join(name);
     let pages = page_files(&path, atlas.pages);
-    let settings =
-        Settings { quantity: Quantity::Radiosity, output: path.clone(), generator: "texelwalk 0.1.0".into() };
+    let settings = Settings {
+        quantity: Quantity::Radiosity,
+        output: path.clone(),
+        generator: "texelwalk 0.1.0".into(),
+        quantize_uv: false,
+    };
     let written = write_gltf(&input.scene, atlas, &pages, &settings).unwrap();
     let mut files = written.output;
     files.splice(0..0, pages.iter().map(|p| (p.png.clone(), PNG.to_vec())));
@@ -471,7 +475,12 @@ fn atlases_that_do_not_fit_are_refused() {
         let mut atlas = everything_atlas(&mut input);
         spoil(&mut atlas);
         let output = input.folder.path().join("x.glb");
-        let settings = Settings { quantity: Quantity::Irradiance, output: output.clone(), generator: "t".into() };
+        let settings = Settings {
+            quantity: Quantity::Irradiance,
+            output: output.clone(),
+            generator: "t".into(),
+            quantize_uv: false,
+        };
         assert!(write_gltf(&input.scene, &atlas, &page_files(&output, 2), &settings).is_err(), "{i}");
         assert!(write_gltf(&input.scene, &good, &page_files(&output, 1), &settings).is_err());
     }

@@ -239,6 +239,7 @@ fn a_document_on_disk_with_its_pages() {
             quantity: Quantity::Radiosity,
             output: output.clone(),
             generator: "texelwalk".into(),
+            quantize_uv: false,
         };
         let mut written = output::gltf::write_gltf(&before, &atlas, &files, &how).unwrap().output;
         for page in &files {

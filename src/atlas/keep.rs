@@ -105,6 +105,17 @@ pub(super) fn kept_blocks(scene: &Scene, settings: &Settings, guard: &Guard) -> 
     Ok(kept)
 }
 
+/// What each part's own `TEXCOORD_1` is worth as a lightmap layout: `usable`, or what is wrong with it; `None` where there
+/// is none.
+pub(super) fn layouts(scene: &Scene, settings: &Settings) -> Vec<Option<String>> {
+    let settings = Settings { uv: Uv::Auto, ..settings.clone() };
+    parallel::map(scene.parts.len(), |p| {
+        let part = &scene.parts[p];
+        let quality = || block(scene, &[p], &settings).map_or_else(|why| why, |_| "usable".to_owned());
+        (part.has_uv1 && !part.triangles.is_empty()).then(quality)
+    })
+}
+
 /// The layout of some parts as a block, or what is wrong with it.
 fn block(scene: &Scene, parts: &[usize], settings: &Settings) -> Result<Piece, String> {
     let (mut faces, mut corners, mut areas, mut worlds) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());

@@ -193,6 +193,13 @@ pub enum Error {
     Setting(String),
 }
 
+/// What each part's own `TEXCOORD_1` is worth as a lightmap layout at the wanted density: `usable`, or what is wrong with it;
+/// `None` where there is none. One entry per `Scene::parts`.
+#[must_use]
+pub fn existing_layouts(scene: &Scene, settings: &Settings) -> Vec<Option<String>> {
+    keep::layouts(scene, settings)
+}
+
 /// Charts the parts of a scene that receive light and packs the charts into pages.
 ///
 /// Warnings: `density-lowered` (all charts, to fit `max_pages`), `chart-density-lowered` (a chart larger than a page),

@@ -276,7 +276,12 @@ fn directional(
 }
 
 fn gltf_settings(settings: &Settings, output: PathBuf) -> gltf::Settings {
-    gltf::Settings { quantity: quantity(settings.quantity), output, generator: GENERATOR.to_owned() }
+    gltf::Settings {
+        quantity: quantity(settings.quantity),
+        output,
+        generator: GENERATOR.to_owned(),
+        quantize_uv: settings.quantize_uv,
+    }
 }
 
 fn seams([before, after]: &[Steps; 2], offset: DVec3) -> report::Seams {

@@ -97,6 +97,10 @@ impl Copies {
         (0..2).for_each(|k| self.totals[k] += counts[k]);
     }
 
+    pub(super) fn is_copied(&self, part: usize) -> bool {
+        self.spans.get(part).is_some_and(|span| span.placement.is_some())
+    }
+
     fn span(&self, id: u32, kind: usize) -> (usize, &Span) {
         // Empty parts have the same first id as the one behind them, which is the last of them.
         let part = self.spans.partition_point(|s| s.first[kind] <= id).saturating_sub(1);
@@ -240,7 +244,7 @@ impl Scene {
     /// The part shares its geometry with others.
     #[must_use]
     pub fn is_copied(&self, part: usize) -> bool {
-        self.copies.spans.get(part).is_some_and(|span| span.placement.is_some())
+        self.copies.is_copied(part)
     }
 
     /// Corners of stored triangles, in the space they are stored in, wound as in the document [m].

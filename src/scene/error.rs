@@ -13,6 +13,8 @@ pub enum Class {
     Invalid,
     /// The operating system refused to read a file.
     Io,
+    /// It needs more memory than it may have.
+    Memory,
 }
 
 /// Failure of [`load()`](super::load()).
@@ -32,6 +34,14 @@ pub enum Error {
         /// The document.
         file: PathBuf,
         /// What, where in the document, what to do.
+        what: String,
+    },
+    /// See [`Class::Memory`].
+    #[error("{}: {what}", file.display())]
+    Memory {
+        /// The document.
+        file: PathBuf,
+        /// How much, for what, what to do.
         what: String,
     },
     /// See [`Class::Io`].
@@ -64,6 +74,7 @@ impl Error {
             Self::Unsupported { .. } => Class::Unsupported,
             Self::Invalid { .. } => Class::Invalid,
             Self::Io { .. } => Class::Io,
+            Self::Memory { .. } => Class::Memory,
         }
     }
 
@@ -75,6 +86,10 @@ impl Error {
         Self::Invalid { file: PathBuf::new(), what: what.into() }
     }
 
+    pub(super) fn memory(what: impl Into<String>) -> Self {
+        Self::Memory { file: PathBuf::new(), what: what.into() }
+    }
+
     pub(super) fn io(file: impl Into<PathBuf>, source: io::Error) -> Self {
         Self::Io { file: file.into(), source }
     }
@@ -82,7 +97,9 @@ impl Error {
     /// Names the document, where that has not happened yet, and makes the message one line.
     pub(super) fn in_file(mut self, path: &Path) -> Self {
         match &mut self {
-            Self::Unsupported { file, what } | Self::Invalid { file, what } if file.as_os_str().is_empty() => {
+            Self::Unsupported { file, what } | Self::Invalid { file, what } | Self::Memory { file, what }
+                if file.as_os_str().is_empty() =>
+            {
                 *file = path.to_path_buf();
                 *what = one_line(what);
             }
@@ -94,7 +111,9 @@ impl Error {
     /// Puts the place in front of the message: `context: message`.
     pub(super) fn within(mut self, context: &str) -> Self {
         match &mut self {
-            Self::Unsupported { what, .. } | Self::Invalid { what, .. } => *what = format!("{context}: {what}"),
+            Self::Unsupported { what, .. } | Self::Invalid { what, .. } | Self::Memory { what, .. } => {
+                *what = format!("{context}: {what}");
+            }
             Self::Io { .. } => {}
         }
         self

@@ -146,6 +146,7 @@ mod tests {
             emission: Some(0.5),
             intensity: None,
             light_group: Some("a".to_owned()),
+            instances: None,
         };
         assert_eq!((wishes, warnings), (expected, vec![]));
         for other in [r#"{"density": "x"}"#, "[[1], \"texelwalk\"]", "\"texelwalk\"", "null", r#"{"texelwalk": null}"#]

@@ -13,11 +13,14 @@ use super::Document;
 use super::Error;
 use super::Material;
 use super::Part;
+use super::Settings;
 use super::Treatment;
 use super::Vertices;
 use super::copies;
 use super::copies::Copies;
 use super::copies::Placement;
+use super::footprint::Footprint;
+use super::load::SHARE_FROM;
 use super::nodes::Placed;
 use super::nodes::Walk;
 use super::pose;
@@ -106,7 +109,8 @@ pub(super) fn read(
     document: &Document,
     walk: &mut Walk,
     materials: &[Material],
-    share_from: usize,
+    settings: &Settings,
+    footprint: &mut Footprint,
     warnings: &mut Vec<Warning>,
 ) -> Result<Geometry, Error> {
     let (plans, sources) = plan(document, walk, materials.len() - 1, warnings)?;
@@ -125,10 +129,18 @@ pub(super) fn read(
         if used { pose::joints(document, &walk.worlds, skin) } else { Ok(Vec::new()) }
     });
     let joints = joints.collect::<Result<Vec<_>, _>>()?;
-    let mut sharing = Sharing::new(document, &plans, &mut locals, share_from);
+    let mut sharing = Sharing::new(document, &plans, &locals, settings.share_from.unwrap_or(SHARE_FROM));
     let is_copied = |plan: &Plan| sharing.shared[plan.source] && copies::is_shareable(walk.worlds[plan.placed.node]);
     let counted = plans.iter().filter(|plan| !is_copied(plan)).map(|plan| (plan.placed.node, plan.size));
     check_counts(counted, |node| document.root.node_name(node), "stores")?;
+    let stored = plans.iter().filter(|plan| !is_copied(plan)).map(|plan| plan.size);
+    let shared = (0..locals.len()).filter(|&i| sharing.shared[i]).map(|i| locals[i].size());
+    for size in stored.chain(shared) {
+        footprint.vertices += size.vertices as u64;
+        footprint.triangles += size.triangles as u64;
+    }
+    footprint.parts = plans.len() as u64;
+    footprint.admit(settings.memory_limit)?;
     let placed = parallel::map(plans.len(), |i| {
         let (source, world) = (plans[i].source, walk.worlds[plans[i].placed.node]);
         if is_copied(&plans[i]) {
@@ -146,7 +158,7 @@ pub(super) fn read(
 
 impl Sharing {
     /// Shares where that leaves out `share_from` triangles or more in all.
-    fn new(document: &Document, plans: &[Plan], locals: &mut [LocalPrimitive], share_from: usize) -> Self {
+    fn new(document: &Document, plans: &[Plan], locals: &[LocalPrimitive], share_from: usize) -> Self {
         let root = &document.root;
         let mut copies = vec![0usize; locals.len()];
         for plan in plans {
@@ -158,7 +170,7 @@ impl Sharing {
         let fits = |local: &LocalPrimitive| {
             local.triangles.len() >= LEAST_SHARED && local.normal.as_ref().is_none_or(|all| all.iter().all(is_whole))
         };
-        let mut shared: Vec<bool> = copies.iter().zip(&*locals).map(|(&n, local)| n > 1 && fits(local)).collect();
+        let mut shared: Vec<bool> = copies.iter().zip(locals).map(|(&n, local)| n > 1 && fits(local)).collect();
         let saved = (0..locals.len()).filter(|&i| shared[i]).map(|i| (copies[i] - 1) * locals[i].triangles.len());
         if saved.sum::<usize>() < share_from {
             shared.fill(false);

@@ -54,24 +54,29 @@ struct Source {
     pixels: u64,
 }
 
-/// Decodes what `materials` use.
+/// Decodes what `materials` use, if `admit` has nothing against that many pixels.
 pub(super) fn decode(
     document: &mut Document,
     materials: &[Material],
     warnings: &mut Vec<Warning>,
+    admit: impl FnOnce(u64) -> Result<(), Error>,
 ) -> Result<Vec<Texture>, Error> {
-    let (textures, sources) = collect(document, materials)?;
+    let Needs { textures, sources, pixels } = collect(document, materials)?;
+    admit(pixels)?;
     let order: Vec<(&usize, &Source)> = sources.iter().collect();
     let decoded = parallel::map(order.len(), |i| decode_one(order[i].1));
     let mut images = BTreeMap::new();
     for ((index, _), image) in order.iter().zip(decoded) {
         images.insert(**index, image?);
     }
+    let mut left: BTreeMap<usize, usize> = BTreeMap::new();
+    textures.values().for_each(|image| *left.entry(*image).or_default() += 1);
     let mut result = Vec::with_capacity(document.root.textures.len());
     for (index, entry) in document.root.textures.iter().enumerate() {
         let (width, height, pixels) = match textures.get(&index) {
-            // Two textures that show one image get a copy each; that is rare, and counted in `MAX_PIXELS`.
-            Some(image) => images[image].clone(),
+            // Two textures that show one image get a copy each; that is rare, and counted in `MAX_PIXELS`. The last one
+            // gets the image itself, so that it is not in memory twice.
+            Some(image) => take(&mut images, &mut left, *image),
             None => (1, 1, vec![[255; 4]]),
         };
         let (wrap, nearest) = sampler(document, index, entry, warnings)?;
@@ -80,8 +85,25 @@ pub(super) fn decode(
     Ok(result)
 }
 
-/// Texture → image, and image → encoded bytes.
-type Needs = (BTreeMap<usize, usize>, BTreeMap<usize, Source>);
+/// A decoded image: width, height, pixels.
+type Decoded = (u32, u32, Vec<[u8; 4]>);
+
+/// The image, or a copy of it if more than one texture is `left` that shows it.
+fn take(images: &mut BTreeMap<usize, Decoded>, left: &mut BTreeMap<usize, usize>, image: usize) -> Decoded {
+    let left = left.entry(image).or_default();
+    *left = left.saturating_sub(1);
+    if *left > 0 { images[&image].clone() } else { images.remove(&image).unwrap_or_default() }
+}
+
+/// What has to be decoded.
+struct Needs {
+    /// Texture → image.
+    textures: BTreeMap<usize, usize>,
+    /// Image → encoded bytes.
+    sources: BTreeMap<usize, Source>,
+    /// Of all textures together.
+    pixels: u64,
+}
 
 /// All that the materials use; sizes checked.
 fn collect(document: &mut Document, materials: &[Material]) -> Result<Needs, Error> {
@@ -109,7 +131,7 @@ fn collect(document: &mut Document, materials: &[Material]) -> Result<Needs, Err
             textures.insert(texture, image);
         }
     }
-    Ok((textures, sources))
+    Ok(Needs { textures, sources, pixels })
 }
 
 impl TextureEntry {
@@ -219,7 +241,7 @@ fn size(source: &Source) -> Result<u64, Error> {
     Ok(pixels)
 }
 
-fn decode_one(source: &Source) -> Result<(u32, u32, Vec<[u8; 4]>), Error> {
+fn decode_one(source: &Source) -> Result<Decoded, Error> {
     let place = &source.place;
     let (width, height, pixels) = match source.format {
         Format::Ktx2 => basis::decode(&source.bytes).map_err(|e| e.within(place))?,

@@ -9,6 +9,7 @@ use super::Sky;
 use super::cameras;
 use super::error;
 use super::extensions;
+use super::footprint::Footprint;
 use super::geometry;
 use super::group::Groups;
 use super::image_light;
@@ -43,6 +44,8 @@ pub struct Settings {
     pub share_from: Option<usize>,
     /// Name of the variant whose materials are taken; `None` = those of the primitives themselves.
     pub variant: Option<String>,
+    /// Most memory that a bake may need for the scene alone [bytes].
+    pub memory_limit: Option<u64>,
 }
 
 /// Triangles from which on it is worth it to share them: they take about a gigabyte, and rays among copies take longer.
@@ -78,8 +81,8 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
     document.expand_instances()?;
     let mut walk = nodes::walk(&document.root, settings.scene, &mut warnings)?;
     let mut materials = material::read(&document.root, &mut warnings)?;
-    let share_from = settings.share_from.unwrap_or(SHARE_FROM);
-    let mut geometry = geometry::read(&document, &mut walk, &materials, share_from, &mut warnings)?;
+    let mut footprint = Footprint::of_document(&document);
+    let mut geometry = geometry::read(&document, &mut walk, &materials, settings, &mut footprint, &mut warnings)?;
     if geometry.triangles.is_empty() {
         return Err(Error::invalid("nothing to bake: the scene has no visible triangles"));
     }
@@ -88,6 +91,8 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
     let parts_groups = treater.parts(&walk, &mut geometry.parts, &materials, &mut warnings)?;
     let shown = instances::resolve(&mut geometry.parts);
     geometry::check_lit(&geometry.parts)?;
+    footprint.lit_copies = Footprint::lit_copies(&geometry.parts, |p| geometry.copies.is_copied(p));
+    footprint.admit(settings.memory_limit)?;
     let sizes = [settings.sun_angle, settings.light_radius];
     let (lights, lights_groups) = punctual::read(&document.root, &walk, &profiles, sizes, &mut treater, &mut warnings)?;
     warnings.extend(treater.unused());
@@ -102,7 +107,10 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         material.volume = None;
         material.translucency = None;
     }
-    let textures = images::decode(&mut document, &materials, &mut warnings)?;
+    let textures = images::decode(&mut document, &materials, &mut warnings, |pixels| {
+        footprint.texture_pixels = pixels;
+        footprint.admit(settings.memory_limit)
+    })?;
     let environment = if settings.sky.is_black() { image_light::read(&mut document, settings.scene)? } else { None };
     let cameras = cameras::read(&document.root, &walk, &mut warnings);
     let scene = Scene {

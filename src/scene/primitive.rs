@@ -37,6 +37,12 @@ pub(super) struct LocalPrimitive {
     pub(super) warnings: Vec<Warning>,
 }
 
+impl LocalPrimitive {
+    pub(super) fn size(&self) -> Size {
+        Size { vertices: self.position.len(), triangles: self.triangles.len() }
+    }
+}
+
 #[derive(Clone, Copy)]
 enum Topology {
     List,

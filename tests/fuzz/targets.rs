@@ -227,8 +227,12 @@ fn rewrite(samples: &Samples, random: &mut Random) -> Outcome {
     };
     let Ok(atlas) = atlas::build(&scene, &how) else { return Outcome { bytes, accepted: false } };
     let output = samples.path("out.glb");
-    let settings =
-        gltf::Settings { quantity: Quantity::Radiosity, output: output.clone(), generator: "fuzz".to_owned() };
+    let settings = gltf::Settings {
+        quantity: Quantity::Radiosity,
+        output: output.clone(),
+        generator: "fuzz".to_owned(),
+        quantize_uv: false,
+    };
     let Ok(written) = write_gltf(&scene, &atlas.output, &page_files(&output, atlas.output.pages), &settings) else {
         return Outcome { bytes, accepted: false };
     };

@@ -35,6 +35,7 @@ const NONE: Settings = Settings {
     instances: scene::Instances::Unique,
     share_from: None,
     variant: None,
+    memory_limit: None,
 };
 
 fn load_with(b: &Builder, settings: &Settings) -> Warned<Scene> {

@@ -67,6 +67,19 @@ impl Append {
         self.floats("lightmap coordinates", "VEC2", uv)
     }
 
+    /// A VEC2 attribute of normalised 16-bit numbers, each the nearest to a value in [0, 1].
+    pub(super) fn short_uv(&mut self, uv: impl ExactSizeIterator<Item = [f32; 2]>) -> usize {
+        let count = uv.len();
+        let (view, bytes) = self.view(ARRAY_BUFFER, 4, "short lightmap coordinates");
+        let offset = bytes.len();
+        // In f64: 65535 · f32 does not fit into an f32.
+        let short = |v: f32| (f64::from(v).clamp(0.0, 1.0) * 65535.0).round() as u16;
+        uv.flatten().for_each(|v| bytes.extend_from_slice(&short(v).to_le_bytes()));
+        self.accessor(format!(
+            "{{\"bufferView\": {view}, \"byteOffset\": {offset}, \"componentType\": {U16}, \"normalized\": true, \"count\": {count}, \"type\": \"VEC2\"}}"
+        ))
+    }
+
     /// A VEC3 float attribute.
     pub(super) fn vectors(&mut self, vectors: impl ExactSizeIterator<Item = [f32; 3]>) -> usize {
         self.floats("light", "VEC3", vectors)
@@ -251,6 +264,16 @@ mod tests {
         assert!(out.views[0].contains("\"byteOffset\": 100") && out.views[1].contains("\"byteOffset\": 108"));
         assert!(out.views[1].contains("\"byteStride\": 12"));
         assert!(out.accessors[0].contains("\"bufferView\": 3") && out.accessors[0].contains("\"normalized\": true"));
+    }
+
+    #[test]
+    fn short_coordinates_are_the_nearest_and_stay_inside() {
+        let mut append = Append::new(0, 0);
+        append.short_uv([[0.0, 1.0], [-1e-7, 1.000_001], [0.3, 0.5]].into_iter());
+        let out = append.finish(0, 0);
+        let read: Vec<u16> = out.bytes.chunks(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
+        assert_eq!(read, [0, 65535, 0, 65535, 19661, 32768]);
+        assert!(out.views[0].contains("\"byteStride\": 4") && out.accessors[0].contains("\"normalized\": true"));
     }
 
     #[test]

@@ -39,6 +39,8 @@ pub(super) struct Meshes<'a> {
     elements: &'a Elements<'a>,
     materials: &'a Assigned,
     pub(super) append: Append,
+    /// Lightmap coordinates get 16 bits.
+    pub(super) quantize_uv: bool,
     splits: Vec<Split<'a>>,
     /// (mesh, primitive) → its ways of being split.
     splits_of: BTreeMap<(usize, usize), Vec<usize>>,
@@ -72,7 +74,7 @@ impl<'a> Meshes<'a> {
         append: Append,
     ) -> Self {
         let (splits, splits_of, attributes, zeros) = (Vec::new(), BTreeMap::new(), BTreeMap::new(), BTreeMap::new());
-        Self { scene, atlas, elements, materials, append, splits, splits_of, attributes, zeros }
+        Self { scene, atlas, elements, materials, append, quantize_uv: false, splits, splits_of, attributes, zeros }
     }
 
     /// The mesh of an instance.
@@ -171,7 +173,8 @@ impl<'a> Meshes<'a> {
         }
         if !baked.keep_uv {
             let [width, height] = self.atlas.page_size.map(|n| n as f32);
-            let uv = self.append.uv(charted.uv.iter().map(|uv| [uv.x / width, uv.y / height]));
+            let uv = charted.uv.iter().map(|uv| [uv.x / width, uv.y / height]);
+            let uv = if self.quantize_uv { self.append.short_uv(uv) } else { self.append.uv(uv) };
             edits.added.push((lightmap, uv));
         }
         Ok(edits)

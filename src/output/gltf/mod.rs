@@ -11,6 +11,8 @@
 //! * with formats other than the plain EXR, `files` beside each of these URIs (see `formats`); with `--exr-image` the EXR
 //!   among the images, too, behind `EXT_texture_exr` of the texture;
 //! * a mesh per baked node that shares every accessor but its lightmap coordinates (`mesh`);
+//! * lightmap coordinates as floats, or as normalised 16-bit integers, which core glTF has: then they are up to a
+//!   131,070th of the page's side off, 1/64 texel at 2048, 1/8 texel at 16,384;
 //! * `TEXCOORD_0` of zeros where there is none, since numbered attributes must not leave gaps.
 //!
 //! Vertex light goes another way with the same parts: `vertex`.
@@ -101,6 +103,8 @@ pub struct Settings {
     pub output: PathBuf,
     /// Name and version of the program, added to `asset.generator`.
     pub generator: String,
+    /// Write lightmap coordinates as normalised 16-bit integers.
+    pub quantize_uv: bool,
 }
 
 /// The contents of the baked document and of the buffers beside it, the document last.
@@ -127,6 +131,7 @@ pub fn write_gltf(
     let materials = plan::material_users(&instances, &elements, Baked::uses).assign(elements.materials.len());
     let append = Append::new(root.array("bufferViews").len(), elements.accessors.len());
     let mut meshes = Meshes::new(scene, atlas, &elements, &materials, append);
+    meshes.quantize_uv = settings.quantize_uv;
     let mut splice = Splice::new(&document.json);
 
     let texts: Result<Vec<String>, Error> = instances.iter().map(|i| meshes.mesh(i, &mut warnings)).collect();

@@ -1,0 +1,124 @@
+//! What would be baked: parts with their area and texels, lights, materials, memory, and what was odd.
+//!
+//! In: a document and bake settings. Out: [`Facts`], as a table or as JSON. Loads and charts, but traces no ray.
+//!
+//! What a bake ignores, and why, is in the warnings: extensions, parts, animations, each with its place.
+
+mod light;
+mod surface;
+mod table;
+
+pub use light::LightFacts;
+pub use surface::{MaterialFacts, PartFacts};
+
+use crate::atlas;
+use crate::bake::Error;
+use crate::base::Warning;
+use crate::memory::Estimate;
+use crate::scene;
+use crate::settings::Settings;
+use std::path::Path;
+
+/// Everything that `inspect` tells. The names are the keys of its JSON.
+#[derive(Debug, serde::Serialize)]
+pub struct Facts {
+    /// The document.
+    pub input: String,
+    /// One entry per primitive as placed by a node.
+    pub parts: Vec<PartFacts>,
+    /// Triangles of all parts.
+    pub triangles: usize,
+    /// World area of all parts [m²].
+    pub area: f64,
+    /// Materials that parts use.
+    pub materials: Vec<MaterialFacts>,
+    /// Punctual lights, then the document's environment.
+    pub lights: Vec<LightFacts>,
+    /// Names of the variants of the materials.
+    pub variants: Vec<String>,
+    /// Names of the cameras.
+    pub cameras: Vec<String>,
+    /// Density that was reached [texels/m].
+    pub texels_per_meter: f32,
+    /// Lightmap pages.
+    pub pages: u32,
+    /// Width and height of the pages [texels].
+    pub page_size: [u32; 2],
+    /// Charts on all pages.
+    pub charts: usize,
+    /// Texels that charts cover.
+    pub texels: u64,
+    /// Covered part of the pages in [0, 1].
+    pub utilization: f64,
+    /// Memory that a bake with these settings takes.
+    pub memory: Estimate,
+    /// What was odd, and what is ignored.
+    pub warnings: Vec<Warning>,
+}
+
+/// Looks at a document as `bake` would see it.
+///
+/// # Errors
+/// As for `bake`, without writing.
+pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
+    let how = scene::Settings {
+        scene: settings.scene,
+        sky: settings.sky(),
+        rules: settings.rules.clone(),
+        variant: settings.variant.clone(),
+        instances: settings.scene_instances(),
+        ..scene::Settings::default()
+    };
+    let loaded = scene::load(input, &how)?;
+    let scene = loaded.output;
+    let how = atlas::Settings {
+        texels_per_meter: settings.texels_per_meter,
+        page_size: settings.page_size,
+        max_pages: settings.max_pages,
+        padding: settings.padding,
+        mips: settings.mips,
+        uv: settings.atlas_uv(),
+        ..atlas::Settings::default()
+    };
+    let charted = atlas::build(&scene, &how)?;
+    let atlas = charted.output;
+    let memory = Estimate::new(&scene, &atlas, settings);
+    let mut used: Vec<usize> = scene.parts.iter().map(|p| p.material).collect();
+    used.sort_unstable();
+    used.dedup();
+    let materials: Vec<MaterialFacts> = used.iter().map(|&m| surface::material(&scene, m)).collect();
+    let emission = |material: usize| {
+        let known = used.binary_search(&material).ok().map(|i| materials[i].mean_emission);
+        known.unwrap_or_default().into()
+    };
+    let layouts = atlas::existing_layouts(&scene, &how);
+    let parts: Vec<PartFacts> = (layouts.into_iter().enumerate())
+        .map(|(i, layout)| surface::part(&scene, &atlas, i, layout, emission(scene.parts[i].material)))
+        .collect();
+    Ok(Facts {
+        input: input.display().to_string(),
+        triangles: scene.triangle_count(),
+        area: parts.iter().map(|p| p.area).fold(0.0, |a, b| a + b),
+        parts,
+        materials,
+        lights: (0..scene.lights.len()).map(|i| light::light(&scene, i)).chain(light::image(&scene)).collect(),
+        variants: scene.document.root.variants().into_iter().map(str::to_owned).collect(),
+        cameras: scene.cameras.iter().map(|c| c.name.clone()).collect(),
+        texels_per_meter: atlas.texels_per_meter,
+        pages: atlas.pages,
+        page_size: atlas.page_size,
+        charts: atlas.charts.len(),
+        texels: atlas.covered_texels,
+        utilization: atlas.utilization(),
+        memory,
+        warnings: loaded.warnings.into_iter().chain(charted.warnings).collect(),
+    })
+}
+
+impl Facts {
+    /// JSON with a final line break.
+    #[must_use]
+    pub fn to_json(&self) -> String {
+        serde_json::to_string_pretty(self).map_or(String::new(), |s| s + "\n")
+    }
+}

@@ -1,0 +1,185 @@
+//! Parts and materials as light sees them.
+//!
+//! Means over textures are those of a grid of [`GRID`]² points over the whole texture, filtered; what coordinates really
+//! show of it is not looked at.
+
+use crate::atlas::{Atlas, NO_CHART};
+use crate::base::Rgb;
+use crate::scene::{Alpha, Material, Scene, Texture, TextureRef};
+use core::f64::consts::PI;
+use glam::{Vec2, Vec4};
+
+/// Points along each side of a texture.
+const GRID: usize = 64;
+
+/// One primitive as placed by one node.
+#[derive(Debug, serde::Serialize)]
+pub struct PartFacts {
+    /// Name of the node.
+    pub node: String,
+    /// Index of the mesh and of the primitive in it.
+    pub mesh: [usize; 2],
+    /// Triangles.
+    pub triangles: usize,
+    /// World area [m²].
+    pub area: f64,
+    /// Charts.
+    pub charts: usize,
+    /// Area of its charts on the pages [texels].
+    pub texels: f64,
+    /// Name of the material.
+    pub material: String,
+    /// Which UVs: `kept`, `charted`, or `none` for what receives no light.
+    pub uv: &'static str,
+    /// The document's `TEXCOORD_1` as a lightmap layout: `usable`, or what is wrong with it; null where there is none.
+    pub existing_uv: Option<String>,
+    /// Flux that it emits, by the mean of its textures [lm]; both sides of a double-sided part.
+    pub flux: [f64; 3],
+    /// Factor of the texels per metre, by rules or `extras`.
+    pub density: f32,
+    /// It gets a lightmap.
+    pub receives: bool,
+    /// Others are lit as if it were there.
+    pub casts: bool,
+    /// Factor of the light that it emits.
+    pub emission: f32,
+    /// Group of what it emits, if that has a name.
+    pub light_group: Option<String>,
+}
+
+/// One material as light sees it.
+#[derive(Debug, serde::Serialize)]
+pub struct MaterialFacts {
+    /// Its name.
+    pub name: String,
+    /// Factor of the diffuse reflectance, textures left out.
+    pub reflectance: [f32; 3],
+    /// The same times the mean of the base colour texture; specular and metallic textures left out.
+    pub mean_reflectance: [f32; 3],
+    /// Emitted radiance, textures left out [cd/m²].
+    pub emission: [f32; 3],
+    /// The same times the mean of the texture [cd/m²].
+    pub mean_emission: [f32; 3],
+    /// Both sides are lit.
+    pub double_sided: bool,
+    /// `opaque`, `mask` or `blend`.
+    pub alpha: &'static str,
+    /// Blocks light and receives none.
+    pub unlit: bool,
+}
+
+/// Facts of a part; `existing_uv` is what the atlas says of its layout, `emission` what its material emits [cd/m²].
+pub(super) fn part(
+    scene: &Scene,
+    atlas: &Atlas,
+    index: usize,
+    existing_uv: Option<String>,
+    emission: Rgb,
+) -> PartFacts {
+    let (part, charted) = (&scene.parts[index], &atlas.parts[index]);
+    let material = &scene.materials[part.material];
+    let mut charts: Vec<u32> = charted.chart.iter().copied().filter(|&c| c != NO_CHART).collect();
+    charts.sort_unstable();
+    charts.dedup();
+    let on_page = |t: &[u32; 3]| {
+        let [a, b, c] = t.map(|v| charted.uv[v as usize].as_dvec2());
+        0.5 * (b - a).perp_dot(c - a).abs()
+    };
+    let in_charts = charted.triangles.iter().zip(&charted.chart).filter(|(_, c)| **c != NO_CHART);
+    let area = part.triangles.clone().map(|t| scene.area(t)).fold(0.0, |a, b| a + b);
+    let sides = if material.double_sided { 2.0 } else { 1.0 };
+    let exitance = (emission * part.treatment.emission).as_dvec3() * PI;
+    PartFacts {
+        node: part.name.clone(),
+        mesh: [part.mesh, part.primitive],
+        triangles: part.triangles.len(),
+        area,
+        charts: charts.len(),
+        texels: in_charts.map(|(t, _)| on_page(t)).fold(0.0, |a, b| a + b),
+        material: material.name.clone(),
+        uv: match (part.receives, charted.kept) {
+            (false, _) => "none",
+            (true, true) => "kept",
+            (true, false) => "charted",
+        },
+        existing_uv,
+        flux: (exitance * area * sides).to_array(),
+        density: part.treatment.density,
+        receives: part.receives,
+        casts: part.treatment.casts,
+        emission: part.treatment.emission,
+        light_group: scene.groups.parts.get(index).cloned().flatten(),
+    }
+}
+
+impl PartFacts {
+    /// What is not as usual, as words to put behind a row.
+    pub(super) fn notes(&self) -> String {
+        let mut notes = vec![];
+        if self.density != 1.0 {
+            notes.push(format!("density ×{}", self.density));
+        }
+        if !self.casts {
+            notes.push("casts no light".to_owned());
+        }
+        if self.emission != 1.0 {
+            notes.push(format!("emission ×{}", self.emission));
+        }
+        notes.extend(self.light_group.iter().map(|group| format!("group {group}")));
+        if self.uv == "charted" {
+            notes.extend(self.existing_uv.iter().map(|why| format!("TEXCOORD_1: {why}")));
+        }
+        if notes.is_empty() { String::new() } else { format!("  [{}]", notes.join(", ")) }
+    }
+}
+
+/// Facts of a material.
+pub(super) fn material(scene: &Scene, index: usize) -> MaterialFacts {
+    let m = &scene.materials[index];
+    let factor = m.base_color.truncate() * ((1.0 - m.metallic) * (1.0 - m.transmission));
+    MaterialFacts {
+        name: m.name.clone(),
+        reflectance: factor.to_array(),
+        mean_reflectance: (factor * mean(scene, m.base_color_texture.as_ref())).to_array(),
+        emission: m.emission.to_array(),
+        mean_emission: mean_emission(scene, m).to_array(),
+        double_sided: m.double_sided,
+        alpha: match m.alpha {
+            Alpha::Opaque => "opaque",
+            Alpha::Mask(_) => "mask",
+            Alpha::Blend => "blend",
+        },
+        unlit: m.unlit,
+    }
+}
+
+/// Radiance that a material emits on the mean [cd/m²].
+fn mean_emission(scene: &Scene, material: &Material) -> Rgb {
+    material.emission * mean(scene, material.emission_texture.as_ref())
+}
+
+/// Mean colour of a texture; white without one.
+fn mean(scene: &Scene, texture: Option<&TextureRef>) -> Rgb {
+    let texture = texture.and_then(|t| scene.textures.get(t.texture));
+    texture.map_or(Rgb::ONE, |texture| mean_of(texture).truncate())
+}
+
+fn mean_of(texture: &Texture) -> Vec4 {
+    let at = |i: usize| (i as f32 + 0.5) / GRID as f32;
+    let points = (0..GRID * GRID).map(|i| Vec2::new(at(i % GRID), at(i / GRID)));
+    points.map(|uv| texture.sample_srgb(uv)).fold(Vec4::ZERO, |a, b| a + b) / (GRID * GRID) as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Wrap;
+
+    #[test]
+    fn the_mean_of_a_texture_is_linear() {
+        let pixels = vec![[255, 0, 0, 255], [0, 0, 188, 255]];
+        let texture = Texture { width: 2, height: 1, pixels, wrap: [Wrap::Repeat; 2], nearest: true };
+        // 188 of sRGB is half of the light.
+        assert!((mean_of(&texture) - Vec4::new(0.5, 0.0, 0.2514, 1.0)).abs().max_element() < 1e-3);
+    }
+}
