@@ -6,7 +6,6 @@
 mod gltf_builder;
 #[path = "support/solve.rs"]
 mod solve;
-#[allow(dead_code, unreachable_pub, reason = "shared with other tests")]
 mod support;
 
 use glam::{DMat4, DQuat, DVec3, Quat, Vec2, Vec3};
@@ -180,7 +179,7 @@ fn rays_meet_what_they_would_meet_if_every_copy_were_stored() {
             assert_eq!(tracer.occluded(&ray), plain.occluded(&ray), "{ray:?}");
             assert_eq!(tracer.leaves_solid(&ray), plain.leaves_solid(&ray), "{ray:?}");
             let (low, high) = (ray.origin - 0.05, ray.origin + 0.02);
-            let odd = |t: u32| t % 3 == 0;
+            let odd = |t: u32| t.is_multiple_of(3);
             let near = plain.any_within(low, high, odd);
             // In the space of the mesh fewer triangles pass by; those with a corner in the box are never overlooked.
             let close = tracer.any_within(low, high, odd);

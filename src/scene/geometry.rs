@@ -80,7 +80,9 @@ struct Plan {
 }
 
 /// What is known of the primitives that are placed more than once.
-struct Sharing {
+struct Sharing<'a> {
+    /// The primitives.
+    locals: &'a [LocalPrimitive],
     /// By decoded primitive: its copies share what is stored for the first of them.
     shared: Vec<bool>,
     /// Its first triangle and vertex as stored, once they are.
@@ -151,14 +153,14 @@ pub(super) fn read(
     let mut geometry = Geometry { offset, ..Geometry::default() };
     geometry.vertices.uv = vec![Vec::new(); uv_sets.len()];
     for (plan, part) in plans.iter().zip(placed) {
-        geometry.push(document, plan, &locals[plan.source], part?, &mut sharing, materials, warnings);
+        geometry.push(document, plan, part?, &mut sharing, materials, warnings);
     }
     Ok(geometry)
 }
 
-impl Sharing {
+impl<'a> Sharing<'a> {
     /// Shares where that leaves out `share_from` triangles or more in all.
-    fn new(document: &Document, plans: &[Plan], locals: &[LocalPrimitive], share_from: usize) -> Self {
+    fn new(document: &Document, plans: &[Plan], locals: &'a [LocalPrimitive], share_from: usize) -> Self {
         let root = &document.root;
         let mut copies = vec![0usize; locals.len()];
         for plan in plans {
@@ -175,7 +177,7 @@ impl Sharing {
         if saved.sum::<usize>() < share_from {
             shared.fill(false);
         }
-        Self { shared, stored: vec![None; locals.len()] }
+        Self { locals, shared, stored: vec![None; locals.len()] }
     }
 }
 
@@ -396,13 +398,12 @@ impl Geometry {
         &mut self,
         document: &Document,
         plan: &Plan,
-        local: &LocalPrimitive,
         placing: Placing,
-        sharing: &mut Sharing,
+        sharing: &mut Sharing<'_>,
         materials: &[Material],
         warnings: &mut Vec<Warning>,
     ) {
-        let root = &document.root;
+        let (root, local) = (&document.root, &sharing.locals[plan.source]);
         let node = &root.nodes[plan.placed.node];
         let name = root.node_name(plan.placed.node);
         let entry = &root.meshes[plan.mesh].primitives[plan.primitive];
