@@ -164,7 +164,7 @@ fn preservation_check_rejects_every_kind_of_loss() {
 fn agrees_with_cycles(name: &str, preset: &str, texels: f64, options: &[&str]) {
     let out = folder(&format!("cycles_{name}"));
     let fixture = fixture(name);
-    let density = density(&fixture, &out, texels);
+    let density = density(&fixture, texels);
     let baked = bake(&fixture, &out, &["--preset", preset, "--texels-per-meter", &density]);
     let pictures = out.join("pictures");
     let mut arguments = vec![text(&baked.gltf), "--pictures", text(&pictures)];
@@ -203,7 +203,7 @@ fn a_level_made_by_others_agrees_with_cycles() {
 fn parity_check_rejects_a_lightmap_that_is_five_percent_too_bright() {
     let out = folder("cycles_rejects");
     let fixture = fixture("cornell");
-    let density = density(&fixture, &out, 2_000.0);
+    let density = density(&fixture, 2_000.0);
     let baked = bake(&fixture, &out, &["--preset", "production", "--texels-per-meter", &density]);
     for page in &baked.pages {
         brighten(page, 1.05);

@@ -118,12 +118,14 @@ pub(crate) fn bake(fixture: &Fixture, folder: &Path, options: &[&str]) -> Bake {
 }
 
 /// Texels per metre at which a fixture has about `texels` texels (within 10 %); their number grows with the square.
-pub(crate) fn density(fixture: &Fixture, folder: &Path, texels: f64) -> String {
+pub(crate) fn density(fixture: &Fixture, texels: f64) -> String {
     let mut density = 8.0;
     for _ in 0..8 {
         let spelled = format!("{density:.4}");
-        let options = ["--preset", "preview", "--texels-per-meter", &spelled, "--lines", "1000", "--gather", "0"];
-        let found = bake(fixture, folder, &options).report["atlas"]["texels"].as_f64().unwrap();
+        let told = texelwalk(&["inspect", text(&fixture.file), "--json", "--texels-per-meter", &spelled]);
+        assert!(told.status.success(), "{}: {}", fixture.name, String::from_utf8_lossy(&told.stderr));
+        let facts: serde_json::Value = serde_json::from_slice(&told.stdout).unwrap();
+        let found = facts["texels"].as_f64().unwrap();
         if (found / texels - 1.0).abs() < 0.1 {
             return spelled;
         }
