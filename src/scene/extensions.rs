@@ -8,7 +8,7 @@ use super::schema::Root;
 use crate::base::Warning;
 
 /// Read and honoured.
-const IMPLEMENTED: [&str; 20] = [
+const IMPLEMENTED: [&str; 21] = [
     "EXT_lights_ies",
     "EXT_lights_image_based",
     "EXT_mesh_gpu_instancing",
@@ -29,6 +29,7 @@ const IMPLEMENTED: [&str; 20] = [
     "KHR_texture_basisu",
     "KHR_texture_transform",
     "MSFT_lod",
+    "MSFT_texture_dds",
 ];
 
 /// Without effect on what a diffuse bake computes: specular lobes and coats, metadata, behaviour at run time, and the
@@ -57,10 +58,8 @@ const NEUTRAL: [&str; 19] = [
 ];
 
 /// What to do about extensions that people meet.
-const ADVICE: [(&str, &str); 2] = [
-    ("MSFT_texture_dds", "bake the version of the file that still has PNG or JPEG textures"),
-    ("EXT_texture_avif", "bake the version of the file that still has PNG or JPEG textures"),
-];
+const ADVICE: [(&str, &str); 1] =
+    [("EXT_texture_avif", "bake the version of the file that still has PNG or JPEG textures")];
 
 /// Refuses a document that requires what is not understood; warns about the rest.
 pub(super) fn check(root: &Root, warnings: &mut Vec<Warning>) -> Result<(), Error> {

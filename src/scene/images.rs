@@ -1,4 +1,4 @@
-//! Decodes the images that the materials in use need, in parallel: PNG, JPEG, WebP and KTX2 to 8-bit RGBA.
+//! Decodes the images that the materials in use need, in parallel: PNG, JPEG, WebP, KTX2 and DDS to 8-bit RGBA.
 //!
 //! In: document, materials. Out: one [`Texture`] per texture of the document; those that are not needed are one white
 //! texel. The format is told from the bytes, as many documents state it wrongly. Colour profiles and orientation tags
@@ -10,6 +10,7 @@ use super::Document;
 use super::Error;
 use super::Material;
 use super::basis;
+use super::dds;
 use super::schema::TextureEntry;
 use super::schema::TextureSource;
 use super::schema::label;
@@ -42,6 +43,7 @@ enum Format {
     /// The crate `image` reads it.
     Common(ImageFormat),
     Ktx2,
+    Dds,
 }
 
 /// An encoded image that is needed.
@@ -139,17 +141,13 @@ impl TextureEntry {
     #[must_use]
     pub fn image(&self) -> Option<usize> {
         let source = |extension: &Option<TextureSource>| extension.as_ref().and_then(|e| e.source);
-        self.source.or_else(|| source(&self.extensions.webp)).or_else(|| source(&self.extensions.basisu))
+        let extensions = [&self.extensions.webp, &self.extensions.basisu, &self.extensions.dds];
+        self.source.or_else(|| extensions.into_iter().find_map(source))
     }
 }
 
 fn image_of(texture: &TextureEntry) -> Result<usize, Error> {
-    texture.image().ok_or_else(|| match &texture.extensions {
-        e if e.dds.is_some() => Error::unsupported(
-            "exists only with MSFT_texture_dds; bake the version of the file that still has PNG or JPEG textures",
-        ),
-        _ => Error::invalid("it has no image"),
-    })
+    texture.image().ok_or_else(|| Error::invalid("it has no image"))
 }
 
 /// An image that is no texture.
@@ -198,10 +196,11 @@ fn open(document: &mut Document, index: usize, user: &str) -> Result<Source, Err
     let format = match image::guess_format(&bytes) {
         Ok(format @ (ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::WebP)) => Format::Common(format),
         _ if bytes.starts_with(basis::MAGIC) => Format::Ktx2,
+        _ if bytes.starts_with(dds::MAGIC) => Format::Dds,
         _ if bytes.starts_with(b"\xABKTX") => {
             return Err(Error::unsupported(format!("{place} is KTX 1; convert the textures to PNG or JPEG first")));
         }
-        _ => return Err(Error::invalid(format!("{place} is neither PNG nor JPEG nor WebP nor KTX2"))),
+        _ => return Err(Error::invalid(format!("{place} is neither PNG nor JPEG nor WebP nor KTX2 nor DDS"))),
     };
     let mut source = Source { bytes, format, place, pixels: 0 };
     source.pixels = size(&source)?;
@@ -223,6 +222,7 @@ fn size(source: &Source) -> Result<u64, Error> {
     let place = &source.place;
     let (width, height) = match source.format {
         Format::Ktx2 => basis::size(&source.bytes).map_err(|e| e.within(place))?,
+        Format::Dds => dds::size(&source.bytes).map_err(|e| e.within(place))?,
         Format::Common(format) => {
             let mut reader = reader(&source.bytes, format);
             reader.no_limits();
@@ -245,6 +245,7 @@ fn decode_one(source: &Source) -> Result<Decoded, Error> {
     let place = &source.place;
     let (width, height, pixels) = match source.format {
         Format::Ktx2 => basis::decode(&source.bytes).map_err(|e| e.within(place))?,
+        Format::Dds => dds::decode(&source.bytes).map_err(|e| e.within(place))?,
         Format::Common(format) => {
             let image = reader(&source.bytes, format).decode();
             let image = image.map_err(|e| Error::invalid(format!("{place} cannot be decoded: {e}")))?.into_rgba8();

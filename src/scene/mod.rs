@@ -21,6 +21,7 @@ mod basis;
 mod cameras;
 mod container;
 mod copies;
+mod dds;
 mod document;
 mod draco;
 mod environment;

@@ -406,7 +406,7 @@ pub struct TextureExtensions {
     #[serde(rename = "KHR_texture_basisu")]
     pub basisu: Option<TextureSource>,
     #[serde(rename = "MSFT_texture_dds")]
-    pub dds: Option<IgnoredAny>,
+    pub dds: Option<TextureSource>,
 }
 
 #[derive(Debug, Default, Clone, Deserialize)]

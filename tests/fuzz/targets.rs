@@ -311,7 +311,9 @@ fn bake(samples: &Samples, random: &mut Random) -> Outcome {
     if let Ok(outcome) = &outcome {
         let values = outcome.lightmap.pages.iter().flat_map(|page| &page.pixels).flatten();
         assert!(values.clone().all(|v| v.is_finite() && *v >= 0.0), "a texel is negative or not finite");
-        let again = scene::load(&output, &scene::Settings::default());
+        // Under the same sky: without one, the document's own image-based light would be read, too.
+        let sky = scene::Sky::constant(texelwalk::base::Rgb::ONE);
+        let again = scene::load(&output, &scene::Settings { sky, ..scene::Settings::default() });
         assert!(again.is_ok(), "what was written does not load: {}", again.unwrap_err());
     }
     Outcome { bytes, accepted: outcome.is_ok() }

@@ -102,14 +102,14 @@ fn glb_chunks_are_kept_and_files_are_recorded() {
 #[test]
 fn optional_unknown_extensions_are_reported_once_and_kept() {
     let mut b = Builder::triangle();
-    b.json["extensionsUsed"] = json!(["ACME_glow", "KHR_materials_clearcoat", "MSFT_texture_dds", "ACME_glow"]);
+    b.json["extensionsUsed"] = json!(["ACME_glow", "KHR_materials_clearcoat", "EXT_texture_avif", "ACME_glow"]);
     b.json["extensionsRequired"] = json!(["KHR_materials_clearcoat", "KHR_materials_variants"]);
     // An animation target without a node, as KHR_animation_pointer has it.
     b.json["animations"] = json!([{"channels": [{"sampler": 0, "target": {"path": "pointer"}}], "samplers": []}]);
     let loaded = load_with(&b, &NONE);
     let found: Vec<_> = loaded.warnings.iter().map(|w| w.code).collect();
     assert_eq!(found, ["unsupported-extension"; 2]);
-    assert!(loaded.warnings[0].message.contains("ACME_glow") && loaded.warnings[1].message.contains("_dds"));
+    assert!(loaded.warnings[0].message.contains("ACME_glow") && loaded.warnings[1].message.contains("_avif"));
     assert!(loaded.output.document.json.contains("ACME_glow"));
 }
 

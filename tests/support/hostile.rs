@@ -129,7 +129,7 @@ fn versions_and_extensions() -> Vec<Case> {
             b.json["asset"] = json!({"version": "2.9", "minVersion": "2.7"});
         }),
         triangle("unknown required extension", Unsupported, &["ACME_quantum_mesh"], require("ACME_quantum_mesh")),
-        triangle("required DDS", Unsupported, &["MSFT_texture_dds", "PNG"], require("MSFT_texture_dds")),
+        triangle("required AVIF", Unsupported, &["EXT_texture_avif", "PNG"], require("EXT_texture_avif")),
         triangle("Draco without bytes", Invalid, &["mesh 0, primitive 0", "no buffer view"], |b| {
             b.json["extensionsUsed"] = json!(["KHR_draco_mesh_compression"]);
             b.json["accessors"][0].as_object_mut().unwrap().remove("bufferView");
@@ -427,7 +427,7 @@ fn materials() -> Vec<Case> {
             let info = json!({"index": 0, "texCoord": 99});
             material(json!({"pbrMetallicRoughness": {"baseColorTexture": info}}))(b);
         }),
-        triangle("texture that exists only as DDS", Unsupported, &["MSFT_texture_dds", "Wood"], |b| {
+        triangle("DDS that is not there", Invalid, &["image 0", "Wood", "does not exist"], |b| {
             b.push("textures", json!({"extensions": {"MSFT_texture_dds": {"source": 0}}}));
             material(color(0))(b);
         }),
