@@ -98,7 +98,7 @@ pub struct ChartedPart {
     pub source_vertex: Vec<u32>,
     /// Lightmap position of each output vertex [texels]; zero where it belongs to no chart.
     pub uv: Vec<Vec2>,
-    /// Output vertices of each triangle, in the order and winding of the part's range of `Scene::triangles`.
+    /// Output vertices of each triangle, in the order and winding of the part's range of triangles.
     pub triangles: Vec<[u32; 3]>,
     /// Index into `Atlas::charts` for each triangle, or [`NO_CHART`].
     pub chart: Vec<u32>,

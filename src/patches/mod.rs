@@ -84,7 +84,7 @@ pub struct Patches {
 /// A point of a patch, on one side of the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SurfacePoint {
-    /// Index into `Scene::triangles`.
+    /// Triangle of the scene, by its id.
     pub triangle: u32,
     /// Barycentric weights of the triangle's vertices 1 and 2.
     pub b: Vec2,
@@ -95,7 +95,7 @@ pub struct SurfacePoint {
 struct Fragments {
     /// Range of front patch i: `first[i]..first[i + 1]`.
     first: Vec<u32>,
-    /// Index into `Scene::triangles`.
+    /// Triangle of the scene, by its id.
     triangle: Vec<u32>,
     /// Covered part of the texel [texel²].
     covered: Vec<f32>,

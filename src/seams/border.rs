@@ -23,7 +23,7 @@ const MOST_INSET: f32 = 1.0 / 3.0;
 /// A side of a triangle beyond which its chart does not go on.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Edge {
-    /// Index into `Scene::triangles`.
+    /// Triangle of the scene, by its id.
     pub(super) triangle: u32,
     /// Corners of the triangle: from, to, and the one opposite.
     corner: [u8; 3],

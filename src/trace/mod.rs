@@ -60,7 +60,7 @@ pub struct Ray {
 /// What a ray met first.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {
-    /// Index into `Scene::triangles`.
+    /// Triangle of the scene, by its id.
     pub triangle: u32,
     /// Barycentric weights of the triangle's vertices 1 and 2.
     pub b: Vec2,

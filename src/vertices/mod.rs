@@ -74,7 +74,7 @@ pub struct VertexLight {
 pub struct VertexPart {
     /// Where each output vertex comes from. The source's own vertices come first, in their order.
     pub origins: Vec<Origin>,
-    /// Output vertices of each triangle, wound like the part's range of `Scene::triangles`.
+    /// Output vertices of each triangle, wound like the part's range of triangles.
     pub triangles: Vec<[u32; 3]>,
     /// Light of each output vertex, in the unit of the lightmap.
     pub values: Vec<Rgb>,
