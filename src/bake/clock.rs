@@ -34,14 +34,9 @@ impl<'a> Clock<'a> {
         self.started.elapsed().as_secs_f64()
     }
 
+    /// Runs a stage whose result is worth nothing once somebody has asked to stop.
     pub(super) fn timed<T>(&mut self, name: &'static str, f: impl FnOnce(&Progress) -> T) -> Result<T, Stop> {
-        self.progress.start(0);
-        self.observer.stage(name, &self.progress);
-        let start = Instant::now();
-        let value = f(&self.progress);
-        let seconds = start.elapsed().as_secs_f64();
-        self.observer.done(name, seconds);
-        self.stages.push(report::Stage { name: name.to_owned(), seconds });
+        let value = self.lasting(name, f);
         if self.progress.interrupted() {
             Err(Stop::Interrupted)
         } else if self.progress.cancelled() {
@@ -49,6 +44,19 @@ impl<'a> Clock<'a> {
         } else {
             Ok(value)
         }
+    }
+
+    /// Runs a stage that changes what outlives the program, and says itself whether it stopped before it did: files that
+    /// are in place are there, even if somebody asked to stop a moment later.
+    pub(super) fn lasting<T>(&mut self, name: &'static str, f: impl FnOnce(&Progress) -> T) -> T {
+        self.progress.start(0);
+        self.observer.stage(name, &self.progress);
+        let start = Instant::now();
+        let value = f(&self.progress);
+        let seconds = start.elapsed().as_secs_f64();
+        self.observer.done(name, seconds);
+        self.stages.push(report::Stage { name: name.to_owned(), seconds });
+        value
     }
 
     /// Runs stages that have to end within some seconds, if a number is given; later their results are thrown away.
