@@ -44,10 +44,7 @@ impl Estimate {
     #[must_use]
     pub fn new(scene: &Scene, atlas: &Atlas, settings: &Settings) -> Self {
         let footprint = Footprint::of_scene(scene);
-        let charted: usize = (scene.parts.iter().zip(&atlas.parts))
-            .filter(|(part, charts)| part.receives && !charts.kept)
-            .map(|(part, _)| part.triangles.len())
-            .sum();
+        let charted: usize = atlas.layouts().0.iter().map(|layout| layout.triangles.len()).sum();
         let groups = if settings.light_groups { groups(scene) } else { 1 };
         let vectors = if settings.directional == Directional::None { 0 } else { PER_VECTORS };
         let per_patch = PER_PATCH + groups * (PER_SOLUTION + vectors);

@@ -28,7 +28,7 @@ fn build(scene: &Scene, settings: &Settings) -> Warned<Atlas> {
 }
 
 fn corners(atlas: &Atlas, part: usize, triangle: usize) -> [DVec2; 3] {
-    atlas.parts[part].triangles[triangle].map(|v| atlas.parts[part].uv[v as usize].as_dvec2())
+    atlas.parts[part].layout.triangles[triangle].map(|v| atlas.parts[part].uv(v).as_dvec2())
 }
 
 /// World area and flat area of each chart [m², texels²].
@@ -36,7 +36,7 @@ fn areas(scene: &Scene, atlas: &Atlas) -> Vec<(f64, f64)> {
     let mut areas = vec![(0.0, 0.0); atlas.charts.len()];
     for (p, part) in scene.parts.iter().enumerate() {
         for t in 0..part.triangles.len() {
-            let chart = atlas.parts[p].chart[t];
+            let chart = atlas.parts[p].chart(t);
             if chart != NO_CHART {
                 let [a, b, c] = corners(atlas, p, t);
                 areas[chart as usize].0 += scene.area(part.triangles.start + t as u32);
@@ -125,12 +125,13 @@ fn check(scene: &Scene, settings: &Settings, atlas: &Atlas) {
     let mut needles = 0;
     for (p, part) in scene.parts.iter().enumerate() {
         let charted = &atlas.parts[p];
-        assert_eq!(charted.triangles.len(), part.triangles.len());
-        assert_eq!((charted.chart.len(), charted.uv.len()), (charted.triangles.len(), charted.source_vertex.len()));
-        for (t, vertices) in charted.triangles.iter().enumerate() {
+        let layout = &charted.layout;
+        assert_eq!(layout.triangles.len(), part.triangles.len());
+        assert_eq!((layout.chart.len(), layout.uv.len()), (layout.triangles.len(), layout.source_vertex.len()));
+        for (t, vertices) in layout.triangles.iter().enumerate() {
             let source = scene.triangles[part.triangles.start as usize + t].map(|v| v - part.vertices.start);
-            assert_eq!(vertices.map(|v| charted.source_vertex[v as usize]), source, "corners keep their source vertex");
-            let chart = charted.chart[t];
+            assert_eq!(vertices.map(|v| layout.source_vertex[v as usize]), source, "corners keep their source vertex");
+            let chart = charted.chart(t);
             let real = scene.area(part.triangles.start + t as u32) > 0.0 && part.receives;
             assert_eq!(chart != NO_CHART, real, "part {p} triangle {t}");
             if real {
@@ -292,8 +293,8 @@ fn parts_that_do_not_receive_light_get_no_charts() {
     scene.parts[1].receives = false;
     let atlas = build(&scene, &settings(8.0)).output;
     assert_eq!(atlas.charts.len(), 6);
-    assert!(atlas.parts[1].chart.iter().all(|chart| *chart == NO_CHART));
-    assert_eq!(atlas.parts[1].source_vertex, (0..96).collect::<Vec<u32>>());
+    assert!(atlas.parts[1].charts().all(|chart| chart == NO_CHART));
+    assert_eq!(atlas.parts[1].layout.source_vertex, (0..96).collect::<Vec<u32>>());
     let none = build(&Scene::default(), &settings(8.0)).output;
     assert_eq!((none.pages, none.charts.len(), none.utilization()), (0, 0, 0.0));
 }
@@ -330,8 +331,8 @@ fn charts_stay_as_they_are_when_another_mesh_changes() {
     let shapes = |atlas: &Atlas, part: usize| -> Vec<Vec<Vec2>> {
         let charted = &atlas.parts[part];
         let mut charts: std::collections::BTreeMap<u32, Vec<Vec2>> = std::collections::BTreeMap::new();
-        for (vertices, chart) in charted.triangles.iter().zip(&charted.chart) {
-            charts.entry(*chart).or_default().extend(vertices.map(|v| charted.uv[v as usize]));
+        for (vertices, chart) in charted.layout.triangles.iter().zip(charted.charts()) {
+            charts.entry(chart).or_default().extend(vertices.map(|v| charted.uv(v)));
         }
         charts.into_values().map(|uv| uv.iter().map(|p| *p - uv[0]).collect()).collect()
     };
@@ -344,7 +345,7 @@ fn charts_stay_as_they_are_when_another_mesh_changes() {
         for other in [&changed, &added] {
             assert!([0, 2].iter().all(|part| shapes(&before, *part) == shapes(other, *part)), "mips {mips}");
         }
-        let places = |atlas: &Atlas| atlas.parts[2].uv.clone();
+        let places = |atlas: &Atlas| atlas.parts[2].uvs().collect::<Vec<_>>();
         assert!(places(&before) != places(&changed), "charts moved, so there was something to see");
     }
 }
@@ -413,10 +414,10 @@ fn a_usable_layout_is_kept() {
     assert!(built.warnings.is_empty(), "{:?}", built.warnings);
     let kept = &built.output.parts[0];
     assert!(kept.kept && !built.output.parts[1].kept);
-    assert_eq!(kept.source_vertex, (0..25).collect::<Vec<u32>>());
-    let offset = kept.uv[0] - laid_out().uv1[0] * 50.0;
-    for (uv, source) in kept.uv.iter().zip(laid_out().uv1) {
-        assert!((*uv - source * 50.0 - offset).length() < 2e-3, "rigid and uniformly scaled");
+    assert_eq!(kept.layout.source_vertex, (0..25).collect::<Vec<u32>>());
+    let offset = kept.uv(0) - laid_out().uv1[0] * 50.0;
+    for (uv, source) in kept.uvs().zip(laid_out().uv1) {
+        assert!((uv - source * 50.0 - offset).length() < 2e-3, "rigid and uniformly scaled");
     }
     let anew = build(&scene, &Settings { uv: Uv::Generate, ..settings(10.0) }).output;
     assert!(!anew.parts[0].kept && anew.charts.len() == 7);
@@ -476,7 +477,7 @@ fn primitives_of_a_node_share_a_layout_or_are_kept_alone() {
     (apart.parts[1].node, apart.parts[1].mesh) = (0, 0);
     let atlas = build(&apart, &settings(20.0)).output;
     assert!(atlas.parts.iter().all(|part| part.kept));
-    let shift = atlas.parts[1].uv[0] - atlas.parts[0].uv[0];
+    let shift = atlas.parts[1].uv(0) - atlas.parts[0].uv(0);
     assert!((shift - Vec2::new(0.0, 0.45 * 100.0)).length() < 2e-3, "one rigid block: {shift}");
     let mut same = scene(&[laid_out(), laid_out().map(|p| p + Vec3::Z)]);
     (same.parts[1].node, same.parts[1].mesh) = (0, 0);

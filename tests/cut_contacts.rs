@@ -146,7 +146,7 @@ fn the_sides_of_a_wall_and_what_lies_under_it_have_charts_of_their_own() {
             side(a, b) <= 0.0 && side(b, c) <= 0.0 && side(c, a) <= 0.0
         };
         let t = range.clone().find(inside).unwrap();
-        atlas.parts[part].chart[(t - range.start) as usize]
+        atlas.parts[part].chart((t - range.start) as usize)
     };
     let (north, under, south) = (chart(0.0, 0.19), chart(0.0, 0.205), chart(0.0, 0.22));
     assert!(north != under && under != south && north != south && north != NO_CHART);
@@ -171,7 +171,7 @@ fn legs_and_crates_make_holes_and_no_lines() {
     assert!(scene.cuts.cut == 2 && scene.cuts.continued == 0, "{:?}", (scene.cuts.cut, scene.cuts.continued));
     let atlas = atlas::build(&scene, &atlas::Settings::default()).unwrap().output;
     let floor = scene.parts.iter().position(|p| p.name == "floor").unwrap();
-    let mut charts = atlas.parts[floor].chart.clone();
+    let mut charts = atlas.parts[floor].charts().collect::<Vec<_>>();
     charts.sort_unstable();
     charts.dedup();
     assert_eq!(charts.len(), 6, "the floor around, and what lies under each thing");

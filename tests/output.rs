@@ -10,6 +10,8 @@ use serde_json::json;
 use std::path::Path;
 use support::*;
 use texelwalk::atlas::Atlas;
+use texelwalk::atlas::ChartedPart;
+use texelwalk::atlas::Layout;
 use texelwalk::atlas::NO_CHART;
 use texelwalk::output::atomic::commit;
 use texelwalk::output::gltf::Quantity;
@@ -282,6 +284,10 @@ fn json_outside_of_the_additions_is_untouched() {
     assert!(lines.contains(&r#"  "unknownTop": {"big": 12345678901234567890123, "e": 1e5, "s": "\u00e9\/"},"#));
 }
 
+fn layout(atlas: &mut Atlas, part: usize) -> &mut Layout {
+    std::sync::Arc::make_mut(&mut atlas.parts[part].layout)
+}
+
 /// Part 0 and 1 get five output vertices: source vertex 2 is split, vertex 0 comes last.
 fn split_atlas(input: &mut Input, charts: [u32; 2], pages: &[u32]) -> Atlas {
     let mut atlas = everything_atlas(input);
@@ -291,13 +297,9 @@ fn split_atlas(input: &mut Input, charts: [u32; 2], pages: &[u32]) -> Atlas {
     let uv = (0..5).map(|v| Vec2::new(v as f32, 0.5)).collect::<Vec<_>>();
     for part in 0..2 {
         let triangles = if part == 0 { vec![[4, 0, 1], [4, 2, 3]] } else { vec![[4, 1, 0], [4, 3, 2]] };
-        atlas.parts[part] = texelwalk::atlas::ChartedPart {
-            source_vertex: source_vertex.clone(),
-            uv: uv.clone(),
-            triangles,
-            chart: charts.to_vec(),
-            kept: false,
-        };
+        let (source_vertex, uv) = (source_vertex.clone(), uv.clone());
+        let layout = Layout { source_vertex, uv, triangles, chart: charts.to_vec(), vertex_chart: vec![] };
+        atlas.parts[part] = ChartedPart::on_page(layout);
     }
     atlas
 }
@@ -337,7 +339,7 @@ fn split_vertices_take_all_their_attributes_along() {
 fn a_primitive_on_two_pages_becomes_two() {
     let mut input = everything_input(true);
     let mut atlas = split_atlas(&mut input, [1, 0], &[0, 1, 1]);
-    atlas.parts[1].chart = vec![NO_CHART, 1];
+    layout(&mut atlas, 1).chart = vec![NO_CHART, 1];
     let (output, _) = bake(&input, &atlas, "pages.glb");
     let j = &output.json;
     let primitives = j["meshes"][0]["primitives"].as_array().unwrap();
@@ -364,9 +366,10 @@ fn a_primitive_on_two_pages_becomes_two() {
 fn strips_that_are_split_become_triangles() {
     let mut input = everything_input(false);
     let mut atlas = everything_atlas(&mut input);
-    atlas.parts[2].source_vertex = vec![0, 1, 3, 2, 1];
-    atlas.parts[2].uv.push(Vec2::ONE);
-    atlas.parts[2].triangles = vec![[0, 1, 2], [2, 4, 3]];
+    let strip = layout(&mut atlas, 2);
+    strip.source_vertex = vec![0, 1, 3, 2, 1];
+    strip.uv.push(Vec2::ONE);
+    strip.triangles = vec![[0, 1, 2], [2, 4, 3]];
     let (output, _) = bake(&input, &atlas, "strip.gltf");
     let bare = &output.json["meshes"][1]["primitives"][0];
     assert_eq!(bare["mode"], 4);
@@ -405,7 +408,8 @@ fn with_uv1(occlusion: bool, receives_elsewhere: bool) -> Input {
 fn kept_atlas(input: &Input, scale: f32) -> Atlas {
     let mut atlas = atlas(&[0], vec![unsplit(4, &QUAD, 0)]);
     atlas.parts[0].kept = true;
-    atlas.parts[0].uv = input.scene.vertices.uv[1][..4].iter().map(|uv| *uv * Vec2::new(64.0, 32.0) * scale).collect();
+    layout(&mut atlas, 0).uv =
+        input.scene.vertices.uv[1][..4].iter().map(|uv| *uv * Vec2::new(64.0, 32.0) * scale).collect();
     atlas
 }
 
@@ -465,11 +469,11 @@ fn atlases_that_do_not_fit_are_refused() {
     let good = everything_atlas(&mut input);
     let breaks: [fn(&mut Atlas); 6] = [
         |a| a.parts.truncate(3),
-        |a| a.parts[0].triangles[0][1] = 4,
-        |a| a.parts[0].chart[0] = 3,
+        |a| layout(a, 0).triangles[0][1] = 4,
+        |a| layout(a, 0).chart[0] = 3,
         |a| a.charts[0].page = 2,
-        |a| a.parts[0].uv[0].x = f32::NAN,
-        |a| a.parts[0].source_vertex[3] = 99,
+        |a| layout(a, 0).uv[0].x = f32::NAN,
+        |a| layout(a, 0).source_vertex[3] = 99,
     ];
     for (i, spoil) in breaks.iter().enumerate() {
         let mut atlas = everything_atlas(&mut input);

@@ -253,7 +253,7 @@ fn a_document_on_disk_with_its_pages() {
         output::atomic::commit(&written, &[path], &|| false).unwrap();
         let baked = scene::load(&output, &scene::Settings::default()).unwrap().output;
         let lightmaps = Lightmaps::load(&baked).unwrap();
-        let charted = atlas.parts.iter().flat_map(|p| &p.chart).filter(|c| **c != NO_CHART).count();
+        let charted = atlas.parts.iter().flat_map(|p| p.charts()).filter(|c| *c != NO_CHART).count();
         let mapped = (0..baked.triangles.len() as u32).filter(|&t| lightmaps.texels(&baked, t).is_some()).count();
         assert_eq!(charted, mapped, "{name}");
         for (view, overlay, suffix) in [

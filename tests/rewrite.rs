@@ -74,8 +74,8 @@ fn a_baked_fixture_loads_as_the_same_scene() {
             let wanted = |p: usize, t: usize, k: usize| {
                 let (part, charted) = (&before.parts[p], &atlas.parts[p]);
                 let local = t - part.triangles.start as usize;
-                let uv = charted.uv[*charted.triangles.get(local)?.get(k)? as usize];
-                (charted.chart[local] != NO_CHART).then_some([uv.x / width, uv.y / height])
+                let uv = charted.uv(*charted.layout.triangles.get(local)?.get(k)?);
+                (charted.chart(local) != NO_CHART).then_some([uv.x / width, uv.y / height])
             };
             let found = |p: usize, t: usize, k: usize| {
                 let set = after.materials[after.parts[p].material].lightmap_uv_set?;

@@ -560,7 +560,7 @@ fn texels_of_every_size_are_linked_across_charts() {
     let patches = Patches::new(&tracer, &atlas, &Progress::default());
     let graph = PatchGraph::new(&patches, &tracer, &Progress::default());
     let across = |name: &str| {
-        let part = |i: usize| scene.part(patches.triangles(i)[0]).name.as_str();
+        let part = |i: usize| scene.part(patches.triangles(i).next().unwrap()).name.as_str();
         let own = (0..patches.front).filter(|&i| part(i) == name);
         own.flat_map(|i| graph.across(i)).filter(|&j| part(j as usize) != name).count()
     };

@@ -7,6 +7,7 @@
 use super::flatten::Flat;
 use super::weld::Surface;
 use glam::DVec2;
+use std::sync::Arc;
 
 /// Directions told apart within a right angle (0.25° each).
 const BINS: usize = 360;
@@ -14,10 +15,13 @@ const BINS: usize = 360;
 /// Share of the outline in one direction, from which on it counts as rectangular.
 const RECTANGULAR: f64 = 0.5;
 
-/// Charts that move as one block on a page: one chart made here, or the kept layout of a node.
+/// Charts that move as one block on a page: one chart made here, or the kept layout of a node. Nodes that place the same
+/// meshes in the same size have a block each, all of one piece.
 #[derive(Debug, Clone)]
 pub(super) struct Piece {
-    /// For each chart of the block, its part.
+    /// For each block, the parts whose charts it has, ascending; the piece was made of those of the first one.
+    pub(super) owners: Arc<[Vec<u32>]>,
+    /// For each chart, its part as an index into an entry of `owners`.
     pub(super) parts: Vec<u32>,
     /// Faces, with their charts.
     pub(super) faces: Vec<Face>,
@@ -28,6 +32,11 @@ pub(super) struct Piece {
 }
 
 impl Piece {
+    /// Number of blocks.
+    pub(super) fn copies(&self) -> usize {
+        self.owners.len()
+    }
+
     /// With `density` times as many texels per metre as others.
     pub(super) fn scaled(mut self, density: f32) -> Self {
         self.corners.iter_mut().flatten().for_each(|p| *p *= f64::from(density));
@@ -38,7 +47,7 @@ impl Piece {
 /// A triangle of a piece.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Face {
-    /// Index into `Scene::parts`.
+    /// Index into an entry of `Piece::owners`.
     pub(super) part: u32,
     /// Triangle within the part.
     pub(super) triangle: u32,
@@ -46,8 +55,8 @@ pub(super) struct Face {
     pub(super) chart: u32,
 }
 
-/// The chart as a piece, turned to the texel rows.
-pub(super) fn piece(surface: &Surface, flat: &Flat, part: u32) -> Piece {
+/// The chart as a piece, turned to the texel rows; each of `owners` is one part.
+pub(super) fn piece(surface: &Surface, flat: &Flat, owners: &Arc<[Vec<u32>]>) -> Piece {
     let outline = outline(surface, flat);
     let direction = dominant_direction(&outline).unwrap_or_else(|| {
         let points: Vec<DVec2> = outline.iter().flatten().copied().collect();
@@ -65,8 +74,8 @@ pub(super) fn piece(surface: &Surface, flat: &Flat, part: u32) -> Piece {
             *p = DVec2::new(p.y, extent.x - p.x);
         }
     }
-    let faces = flat.faces.iter().map(|f| Face { part, triangle: *f, chart: 0 }).collect();
-    Piece { parts: vec![part], faces, corners, kept: false }
+    let faces = flat.faces.iter().map(|f| Face { part: 0, triangle: *f, chart: 0 }).collect();
+    Piece { owners: Arc::clone(owners), parts: vec![0], faces, corners, kept: false }
 }
 
 /// Edges of the chart that no second face of it uses.

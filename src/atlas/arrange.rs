@@ -25,7 +25,9 @@ use super::shape::touched;
 use crate::base::Warning;
 use crate::base::parallel;
 use crate::scene::Scene;
+use core::iter::repeat_n;
 use glam::DVec2;
+use std::sync::Arc;
 
 /// Pages of an atlas without `max_pages`: 256 pages of 4096² take half a gigabyte as bits alone.
 const MOST_PAGES: u32 = 256;
@@ -41,7 +43,8 @@ const LEAST_FACTOR: f64 = 1e-3;
 pub(super) struct Block {
     pub(super) piece: Piece,
     pub(super) shape: Shape,
-    pub(super) place: Place,
+    /// One for each entry of `Piece::owners`.
+    pub(super) places: Vec<Place>,
 }
 
 /// The packed pages.
@@ -67,7 +70,7 @@ pub(super) fn arrange(
 ) -> Result<Arranged, Error> {
     let allowed = settings.max_pages.unwrap_or(MOST_PAGES);
     let fail = Error::DoesNotFit {
-        charts: pieces.iter().map(|piece| piece.parts.len()).sum(),
+        charts: pieces.iter().map(|piece| piece.parts.len() * piece.copies()).sum(),
         padding: settings.padding,
         mips: settings.mips,
         pages: allowed,
@@ -111,6 +114,7 @@ pub(super) fn arrange(
         );
         warnings.push(Warning::new("density-lowered", message));
     }
+    best.lowered.sort_by_key(|(part, _)| *part);
     warn_of_lowered(scene, &best.lowered, warnings);
     let mut arranged = best.finish((density * factor) as f32, fraction_bits(settings.page_size));
     arranged.mips = clean_levels(scene, &arranged, settings.mips, warnings);
@@ -121,9 +125,10 @@ pub(super) fn arrange(
 fn clean_levels(scene: &Scene, arranged: &Arranged, asked: u32, warnings: &mut Vec<Warning>) -> u32 {
     let mut clean = asked;
     for block in arranged.blocks.iter().filter(|block| block.piece.kept && block.piece.parts.len() > 1) {
-        let own = (1..=asked).rev().find(|level| !meets(block, *level, arranged)).unwrap_or(0);
+        let is_clean = |level: &u32| !block.places.iter().any(|place| meets(block, *place, *level, arranged));
+        let own = (1..=asked).rev().find(is_clean).unwrap_or(0);
         if own < asked {
-            let name = &scene.parts[block.piece.parts[0] as usize].name;
+            let name = &scene.parts[block.piece.owners[0][0] as usize].name;
             let message = format!(
                 "charts of the kept TEXCOORD_1 of {name} are so close to each other that mip level {next} mixes them; \
                  leave more space between them, or use --uv generate",
@@ -136,9 +141,9 @@ fn clean_levels(scene: &Scene, arranged: &Arranged, asked: u32, warnings: &mut V
     clean
 }
 
-/// Look-ups in two charts of the block read one cell of a mip level.
-fn meets(block: &Block, level: u32, arranged: &Arranged) -> bool {
-    let Place { x: left, y: top, .. } = block.place;
+/// Look-ups in two charts of the block at `place` read one cell of a mip level.
+fn meets(block: &Block, place: Place, level: u32, arranged: &Arranged) -> bool {
+    let Place { x: left, y: top, .. } = place;
     // As many whole cells as there are to the left and above may be left out.
     let [left, top] = [left, top].map(|at| at - (at >> (level + 1) << (level + 1)) + (1 << (level + 1)));
     let Footprint { width, height, .. } = block.shape.footprint;
@@ -177,7 +182,7 @@ struct Layout {
     pages: u32,
     pieces: Vec<Piece>,
     shapes: Vec<Shape>,
-    places: Vec<Place>,
+    places: Vec<Vec<Place>>,
     /// Part and factor of charts that are larger than a page.
     lowered: Vec<(u32, f64)>,
 }
@@ -189,7 +194,7 @@ impl Layout {
             .into_iter()
             .zip(self.shapes)
             .zip(self.places)
-            .map(|((piece, shape), place)| Block { piece: unite_sharing(piece, &shape, fraction_bits), shape, place })
+            .map(|((piece, shape), places)| Block { piece: unite_sharing(piece, &shape, fraction_bits), shape, places })
             .collect();
         Arranged { page_size: self.size, pages: self.pages, texels_per_meter, fraction_bits, blocks, mips: 0 }
     }
@@ -199,7 +204,7 @@ fn attempt(pieces: &[Piece], density: f64, settings: &Settings, allowed: u32, gu
     guard.check()?;
     let (sheet, limit) = sheet(settings, allowed);
     let capacity = f64::from(allowed) * limit * limit;
-    let area: f64 = pieces.iter().map(|piece| area(piece) * density * density).sum();
+    let area: f64 = pieces.iter().map(|piece| piece.copies() as f64 * area(piece) * density * density).sum();
     if area > capacity {
         // Not even without padding; said before any memory is spent on it.
         return Ok(Attempt::TooLarge((0.97 * capacity / area).sqrt()));
@@ -213,19 +218,21 @@ fn attempt(pieces: &[Piece], density: f64, settings: &Settings, allowed: u32, gu
     let level = settings.mips;
     let shapes = parallel::map(fitted.len(), |i| shape(&fitted[i], density, bits));
     let claims = parallel::map(shapes.len(), |i| claim(&shapes[i].footprint, level, settings.padding));
-    let cells: Vec<&Footprint> = claims.iter().map(|claim| &claim.cells).collect();
+    let copies = |i: usize| repeat_n(&claims[i], fitted[i].copies());
+    let each: Vec<&Claim> = (0..claims.len()).flat_map(copies).collect();
+    let cells: Vec<&Footprint> = each.iter().map(|claim| &claim.cells).collect();
     let multiple = (BLOCK >> level).max(1);
     let Some(choice) = choose(&cells, sheet, multiple, guard)? else {
         let room = f64::from(sheet.pages) * f64::from(sheet.size[0] - 2 * sheet.margin).powi(2);
         let factor = (0.95 * room / padded_area(&cells, sheet)).sqrt();
         return Ok(Attempt::TooDense(factor.clamp(0.5, 0.96)));
     };
-    let at = |(place, claim): (Place, &Claim)| Place {
+    let mut at = choice.places.into_iter().zip(&each).map(|(place, claim)| Place {
         x: (place.x << level) + claim.offset[0],
         y: (place.y << level) + claim.offset[1],
         ..place
-    };
-    let places = choice.places.into_iter().zip(&claims).map(at).collect();
+    });
+    let places = fitted.iter().map(|piece| at.by_ref().take(piece.copies()).collect()).collect();
     let size = choice.size.map(|cells| cells << level);
     Ok(Attempt::Fits(Layout { size, pages: choice.pages, pieces: fitted, shapes, places, lowered }))
 }
@@ -259,7 +266,7 @@ fn cut(piece: &Piece, density: f64, limit: f64, fitted: &mut Vec<Piece>, lowered
             // 0.999: the limit holds for sides that are rounded up to whole texels.
             let factor = 0.999 * limit / size.max_element();
             piece.corners.iter_mut().flatten().for_each(|p| *p *= factor);
-            lowered.push((piece.parts[0], factor));
+            lowered.extend(piece.owners.iter().map(|parts| (parts[0], factor)));
             fitted.push(piece);
         } else {
             stack.extend(halves(&piece, low, high));
@@ -289,6 +296,7 @@ fn halves(piece: &Piece, low: DVec2, high: DVec2) -> Vec<Piece> {
         for id in 0..component.iter().map(|c| c + 1).max().unwrap_or(0) {
             let members = || (0..side.len()).filter(|i| component[*i] == id);
             halves.push(Piece {
+                owners: Arc::clone(&piece.owners),
                 parts: piece.parts.clone(),
                 faces: members().map(|i| piece.faces[side[i]]).collect(),
                 corners: members().map(|i| corners[i]).collect(),

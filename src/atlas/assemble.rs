@@ -1,75 +1,134 @@
 //! Gives every corner its output vertex: one per (source vertex, chart), in the order of first use.
+//!
+//! Charts are numbered by part; those of a part are neighbours, in the order of its blocks. In a kept layout of several
+//! parts they are those of the block.
 
 use super::Atlas;
 use super::Chart;
 use super::ChartedPart;
 use super::NO_CHART;
 use super::arrange::Arranged;
+use super::arrange::Block;
+use super::layout::Layout;
 use crate::base::parallel;
 use crate::scene::Scene;
 use core::iter::repeat;
 use glam::Vec2;
 use std::collections::HashMap;
+use std::sync::Arc;
 
-/// A triangle's chart and the positions of its corners [texels].
-type Placed = (u32, [Vec2; 3]);
+/// A triangle's chart among those of its part, and the positions of its corners from the chart's place [texels].
+type Corners = (u32, [Vec2; 3]);
+
+/// A block with charts of a part.
+#[derive(Clone, Copy)]
+struct Laid<'a> {
+    block: &'a Block,
+    /// Which of the block's places.
+    copy: usize,
+    /// Index into `Atlas::charts` of the block's first chart.
+    first: u32,
+    /// The part in the entry of `Piece::owners`.
+    member: u32,
+}
 
 /// The finished atlas.
 pub(super) fn assemble(scene: &Scene, arranged: &Arranged, kept: &[bool]) -> Atlas {
-    let mut charts = Vec::new();
-    let mut placed: Vec<Vec<Option<Placed>>> =
-        scene.parts.iter().map(|part| vec![None; if part.receives { part.triangles.len() } else { 0 }]).collect();
-    let step = 1.0 / (1u32 << arranged.fraction_bits) as f32;
-    for block in &arranged.blocks {
-        let first = charts.len() as u32;
-        charts.extend(block.piece.parts.iter().map(|part| Chart { part: *part, page: block.place.page }));
-        let origin = Vec2::new(block.place.x as f32, block.place.y as f32);
-        for (face, grid) in block.piece.faces.iter().zip(&block.shape.grid) {
-            let uv = grid.map(|p| origin + Vec2::new(p[0] as f32, p[1] as f32) * step);
-            placed[face.part as usize][face.triangle as usize] = Some((first + face.chart, uv));
-        }
+    let mut order: Vec<(u32, usize, usize)> = Vec::new();
+    for (b, block) in arranged.blocks.iter().enumerate() {
+        order.extend(block.piece.owners.iter().enumerate().map(|(copy, parts)| (parts[0], b, copy)));
     }
-    let parts = parallel::map(scene.parts.len(), |p| charted_part(scene, p, &placed[p], kept[p]));
+    order.sort_unstable();
+    let mut charts = Vec::new();
+    let mut laid: Vec<Vec<Laid<'_>>> = vec![Vec::new(); scene.parts.len()];
+    for (_, b, copy) in order {
+        let block = &arranged.blocks[b];
+        let (owners, page) = (&block.piece.owners[copy], block.places[copy].page);
+        for (member, part) in (0..).zip(owners) {
+            laid[*part as usize].push(Laid { block, copy, first: charts.len() as u32, member });
+        }
+        charts.extend(block.piece.parts.iter().map(|member| Chart { part: owners[*member as usize], page }));
+    }
+    let leads = |p: usize| laid[p].first().is_none_or(|laid| laid.copy == 0);
+    let bits = arranged.fraction_bits;
+    let layout = |p: usize| leads(p).then(|| Arc::new(layout(scene, p, &laid[p], kept[p], bits)));
+    let layouts = parallel::map(scene.parts.len(), layout);
+    let part = |p: usize| {
+        let leader = laid[p].first().map_or(p, |laid| laid.block.piece.owners[0][laid.member as usize] as usize);
+        ChartedPart {
+            layout: layouts[leader].clone().unwrap_or_default(),
+            first_chart: laid[p].first().map_or(0, |laid| laid.first),
+            places: laid[p].iter().flat_map(Laid::places).collect(),
+            kept: kept[p],
+        }
+    };
+    let covered = |block: &Block| block.shape.footprint.texels * block.places.len() as u64;
     Atlas {
         page_size: arranged.page_size,
         pages: arranged.pages,
         texels_per_meter: arranged.texels_per_meter,
         charts,
-        parts,
-        covered_texels: arranged.blocks.iter().map(|block| block.shape.footprint.texels).sum(),
+        parts: (0..scene.parts.len()).map(part).collect(),
+        covered_texels: arranged.blocks.iter().map(covered).sum(),
         mips: arranged.mips,
     }
 }
 
-fn charted_part(scene: &Scene, p: usize, placed: &[Option<Placed>], kept: bool) -> ChartedPart {
+impl Laid<'_> {
+    /// Where each chart of the block lies [texels].
+    fn places(&self) -> impl Iterator<Item = Vec2> + use<> {
+        let place = self.block.places[self.copy];
+        core::iter::repeat_n(Vec2::new(place.x as f32, place.y as f32), self.block.piece.parts.len())
+    }
+}
+
+fn layout(scene: &Scene, p: usize, laid: &[Laid<'_>], kept: bool, bits: u32) -> Layout {
     let part = &scene.parts[p];
-    let mut charted = ChartedPart { kept, ..ChartedPart::default() };
+    let mut layout = Layout::default();
     if scene.is_copied(p) && !part.receives {
-        return charted;
+        return layout;
     }
     let identity = kept || !part.receives;
     if identity {
-        charted.source_vertex = (0..part.vertices.len() as u32).collect();
-        charted.uv = vec![Vec2::ZERO; part.vertices.len()];
+        layout.source_vertex = (0..part.vertices.len() as u32).collect();
+        layout.uv = vec![Vec2::ZERO; part.vertices.len()];
+        layout.vertex_chart = vec![NO_CHART; part.vertices.len()];
     }
     let mut index: HashMap<(u32, u32), u32> = HashMap::new();
-    for (triangle, placed) in scene.part_triangles(part).zip(placed.iter().copied().chain(repeat(None))) {
+    let placed = placed(if part.receives { part.triangles.len() } else { 0 }, laid, bits);
+    for (triangle, placed) in scene.part_triangles(part).zip(placed.into_iter().chain(repeat(None))) {
         let (chart, uv) = placed.unwrap_or((NO_CHART, [Vec2::ZERO; 3]));
         let mut vertices = triangle;
         for k in 0..3 {
             let source = triangle[k];
             if !identity {
                 vertices[k] = *index.entry((source, chart)).or_insert_with(|| {
-                    charted.source_vertex.push(source);
-                    charted.uv.push(uv[k]);
-                    (charted.uv.len() - 1) as u32
+                    layout.source_vertex.push(source);
+                    layout.uv.push(uv[k]);
+                    layout.vertex_chart.push(chart);
+                    (layout.uv.len() - 1) as u32
                 });
             } else if chart != NO_CHART {
-                charted.uv[source as usize] = uv[k];
+                (layout.uv[source as usize], layout.vertex_chart[source as usize]) = (uv[k], chart);
             }
         }
-        charted.triangles.push(vertices);
-        charted.chart.push(chart);
+        layout.triangles.push(vertices);
+        layout.chart.push(chart);
     }
-    charted
+    layout
+}
+
+/// For each triangle of a part, its chart and place.
+fn placed(triangles: usize, laid: &[Laid<'_>], bits: u32) -> Vec<Option<Corners>> {
+    let step = 1.0 / (1u32 << bits) as f32;
+    let mut placed = vec![None; triangles];
+    let mut first = 0;
+    for &Laid { block, member, .. } in laid {
+        for (face, grid) in block.piece.faces.iter().zip(&block.shape.grid).filter(|(face, _)| face.part == member) {
+            let uv = grid.map(|p| Vec2::new(p[0] as f32, p[1] as f32) * step);
+            placed[face.triangle as usize] = Some((first + face.chart, uv));
+        }
+        first += block.piece.parts.len() as u32;
+    }
+    placed
 }

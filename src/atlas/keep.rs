@@ -25,6 +25,7 @@ use crate::base::parallel;
 use crate::scene::Scene;
 use glam::DVec2;
 use glam::DVec3;
+use std::collections::BTreeMap;
 
 /// Density of a triangle in any direction over the mean, and its inverse, per length.
 const MAX_STRETCH: f64 = 4.0;
@@ -38,6 +39,9 @@ const BORDER: f32 = 1e-4;
 /// Overlap samples per triangle.
 const SAMPLES: usize = 64;
 
+/// The parts of each block of a layout, see [`Piece::owners`].
+type Owners = Vec<Vec<u32>>;
+
 /// What can be kept.
 #[derive(Debug)]
 pub(super) struct Kept {
@@ -45,12 +49,17 @@ pub(super) struct Kept {
     pub(super) pieces: Vec<Piece>,
     /// For each part of the scene, whether it is in a block.
     pub(super) part_is_kept: Vec<bool>,
-    /// `uv-regenerated` for each part that is not, though it has a `TEXCOORD_1`.
-    pub(super) warnings: Vec<Warning>,
+    /// `uv-regenerated` for each part that is not, though it has a `TEXCOORD_1`, with the first part that it speaks of.
+    pub(super) warnings: Vec<(u32, Warning)>,
 }
 
-/// Blocks of all usable `TEXCOORD_1`.
-pub(super) fn kept_blocks(scene: &Scene, settings: &Settings, guard: &Guard) -> Result<Kept, Error> {
+/// Blocks of all usable `TEXCOORD_1`; `first_equal` has the first part equal to each one.
+pub(super) fn kept_blocks(
+    scene: &Scene,
+    settings: &Settings,
+    first_equal: &[u32],
+    guard: &Guard,
+) -> Result<Kept, Error> {
     let mut kept = Kept { pieces: Vec::new(), part_is_kept: vec![false; scene.parts.len()], warnings: Vec::new() };
     if settings.uv == Uv::Generate {
         return Ok(kept);
@@ -67,42 +76,73 @@ pub(super) fn kept_blocks(scene: &Scene, settings: &Settings, guard: &Guard) -> 
             (a.node, a.mesh) == (b.node, b.mesh) && together
         })
         .collect();
-    let results = parallel::map(groups.len(), |g| {
+    let equal = equal(&groups, first_equal);
+    let results = parallel::map(equal.len(), |g| {
         guard.check()?;
-        let together = block(scene, groups[g], settings);
-        Ok(match together {
-            Err(_) if groups[g].len() > 1 => {
-                groups[g].iter().map(|p| (vec![*p], block(scene, &[*p], settings))).collect()
+        let first = groups[equal[g][0]];
+        let all = |own: &[usize]| -> Owners {
+            let of = |group: &usize| own.iter().map(|k| groups[*group][*k] as u32).collect();
+            equal[g].iter().map(of).collect()
+        };
+        let whole: Vec<usize> = (0..first.len()).collect();
+        Ok(match block(scene, first, settings) {
+            Err(_) if first.len() > 1 => {
+                whole.iter().map(|k| (all(&[*k]), block(scene, &[first[*k]], settings))).collect()
             }
-            together => vec![(groups[g].to_vec(), together)],
+            together => vec![(all(&whole), together)],
         })
     });
     for result in results {
-        let blocks: Vec<(Vec<usize>, Result<Piece, String>)> = result?;
-        for (parts, piece) in blocks {
-            let name = &scene.parts[parts[0]].name;
-            match piece {
-                Ok(piece) => {
-                    kept.pieces.push(piece);
-                    for p in parts {
-                        kept.part_is_kept[p] = true;
-                    }
-                }
-                Err(reason) if settings.uv == Uv::Keep => {
-                    return Err(Error::UnusableUv { node: name.clone(), reason });
-                }
-                Err(reason) => {
-                    let primitive = scene.parts[parts[0]].primitive;
-                    let message = format!(
-                        "TEXCOORD_1 of {name}, primitive {primitive}, is no usable lightmap layout ({reason}); new charts \
-                         were made"
-                    );
-                    kept.warnings.push(Warning::new("uv-regenerated", message).at(name.clone()));
-                }
-            }
+        let blocks: Vec<(Owners, Result<Piece, String>)> = result?;
+        for (owners, piece) in blocks {
+            kept.add(scene, owners, piece, settings)?;
         }
     }
+    kept.pieces.sort_by_key(|piece| piece.owners[0][0]);
+    kept.warnings.sort_by_key(|(part, _)| *part);
     Ok(kept)
+}
+
+impl Kept {
+    /// A layout that is one block for each of `owners`, or what is wrong with it.
+    fn add(
+        &mut self,
+        scene: &Scene,
+        owners: Owners,
+        piece: Result<Piece, String>,
+        settings: &Settings,
+    ) -> Result<(), Error> {
+        let name = |parts: &[u32]| scene.parts[parts[0] as usize].name.clone();
+        match piece {
+            Ok(piece) => {
+                owners.iter().flatten().for_each(|p| self.part_is_kept[*p as usize] = true);
+                self.pieces.push(Piece { owners: owners.into(), ..piece });
+            }
+            Err(reason) if settings.uv == Uv::Keep => {
+                return Err(Error::UnusableUv { node: name(&owners[0]), reason });
+            }
+            Err(reason) => self.warnings.extend(owners.iter().map(|parts| {
+                let (name, primitive) = (name(parts), scene.parts[parts[0] as usize].primitive);
+                let message = format!(
+                    "TEXCOORD_1 of {name}, primitive {primitive}, is no usable lightmap layout ({reason}); new charts \
+                     were made"
+                );
+                (parts[0], Warning::new("uv-regenerated", message).at(name))
+            })),
+        }
+        Ok(())
+    }
+}
+
+/// Groups whose parts are equal one by one, each set in the order of `groups`, sets by their first.
+fn equal(groups: &[&[usize]], first_equal: &[u32]) -> Vec<Vec<usize>> {
+    let mut sets: BTreeMap<Vec<u32>, Vec<usize>> = BTreeMap::new();
+    for (g, group) in groups.iter().enumerate() {
+        sets.entry(group.iter().map(|p| first_equal[*p]).collect()).or_default().push(g);
+    }
+    let mut sets: Vec<Vec<usize>> = sets.into_values().collect();
+    sets.sort_unstable_by_key(|set| set[0]);
+    sets
 }
 
 /// What each part's own `TEXCOORD_1` is worth as a lightmap layout: `usable`, or what is wrong with it; `None` where there
@@ -119,7 +159,7 @@ pub(super) fn layouts(scene: &Scene, settings: &Settings) -> Vec<Option<String>>
 /// The layout of some parts as a block, or what is wrong with it.
 fn block(scene: &Scene, parts: &[usize], settings: &Settings) -> Result<Piece, String> {
     let (mut faces, mut corners, mut areas, mut worlds) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-    for p in parts {
+    for (member, p) in (0..).zip(parts) {
         let part = &scene.parts[*p];
         let first = part.vertices.start;
         for (t, triangle) in scene.part_triangles(part).enumerate() {
@@ -136,7 +176,7 @@ fn block(scene: &Scene, parts: &[usize], settings: &Settings) -> Result<Piece, S
             let world = triangle.map(|v| scene.vertex_position(first + v).as_dvec3());
             let area = 0.5 * (world[1] - world[0]).cross(world[2] - world[0]).length();
             if area > 0.0 {
-                faces.push(Face { part: *p as u32, triangle: t as u32, chart: 0 });
+                faces.push(Face { part: member, triangle: t as u32, chart: 0 });
                 corners.push(uv.map(|p| p.as_dvec2()));
                 areas.push(area);
                 worlds.push(world);
@@ -171,7 +211,8 @@ fn block(scene: &Scene, parts: &[usize], settings: &Settings) -> Result<Piece, S
         }
     }
     let density = scene.parts[parts[0]].treatment.density;
-    let piece = Piece { parts: chart_parts, faces, corners, kept: true }.scaled(density);
+    let owners = [parts.iter().map(|p| *p as u32).collect()].into();
+    let piece = Piece { owners, parts: chart_parts, faces, corners, kept: true }.scaled(density);
     if settings.uv == Uv::Auto {
         check_texels(&piece, settings)?;
     }

@@ -2,6 +2,9 @@
 //!
 //! Lightmap coordinates are kept in texels: x right, y down, texel (0, 0) covers [0, 1)². UV = texels / page size.
 //!
+//! Parts that place the same primitive in the same size are charted once, and each has its own place for every chart
+//! (`equal`).
+//!
 //! Steps: weld the triangles of each part by position (`weld`), take planar pieces and smooth components (`region`),
 //! flatten them by projection or by xatlas (`flatten`, `chart`), turn each chart to the texel rows (`align`), or keep
 //! the part's own `TEXCOORD_1` (`keep`); scale to the density and rasterise (`shape`), find what each chart needs of a
@@ -9,7 +12,7 @@
 //! triangle corner its output vertex (`assemble`).
 //!
 //! Invariants:
-//! * every triangle with an area in a part that receives light has a chart;
+//! * every triangle with an area in a part that receives light has a chart (of parts that are equal, the first decides);
 //! * no texel is touched by two charts, and charts that were made here are at least `padding` empty texels apart;
 //! * up to mip level `Atlas::mips`, no look-up in a chart reads a cell that a look-up in another chart reads;
 //! * vertices lie on a grid of 2⁻ⁿ texels, and charts move by whole texels only, so that coordinates are exact in `f32`
@@ -24,9 +27,11 @@ mod chart;
 mod choose;
 mod claim;
 pub(crate) mod connect;
+mod equal;
 mod flatten;
 mod guard;
 mod keep;
+mod layout;
 mod merge;
 pub(crate) mod overlap;
 mod pack;
@@ -40,8 +45,8 @@ use crate::base::Warning;
 use crate::base::parallel;
 use crate::scene::Scene;
 use core::time::Duration;
-use glam::Vec2;
 use guard::Guard;
+pub use layout::{ChartedPart, Layout};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -89,21 +94,6 @@ pub struct Chart {
     pub part: u32,
     /// Page it lies on.
     pub page: u32,
-}
-
-/// A part with its vertices split where charts need it. Empty for a part that receives no light and shares its geometry.
-#[derive(Debug, Default, Clone)]
-pub struct ChartedPart {
-    /// For each output vertex, the index of the source vertex within the part (= accessor element).
-    pub source_vertex: Vec<u32>,
-    /// Lightmap position of each output vertex [texels]; zero where it belongs to no chart.
-    pub uv: Vec<Vec2>,
-    /// Output vertices of each triangle, in the order and winding of the part's range of triangles.
-    pub triangles: Vec<[u32; 3]>,
-    /// Index into `Atlas::charts` for each triangle, or [`NO_CHART`].
-    pub chart: Vec<u32>,
-    /// The part's own `TEXCOORD_1` was kept: output vertices equal source vertices.
-    pub kept: bool,
 }
 
 /// What happens to a `TEXCOORD_1` of the document.
@@ -211,22 +201,22 @@ pub fn existing_layouts(scene: &Scene, settings: &Settings) -> Vec<Option<String
 pub fn build(scene: &Scene, settings: &Settings) -> Result<Warned<Atlas>, Error> {
     check(settings)?;
     let guard = Guard::new(settings.time_limit, settings.cancel.clone());
-    let kept = keep::kept_blocks(scene, settings, &guard)?;
-    let fresh = parallel::map(scene.parts.len(), |p| -> Result<Vec<align::Piece>, Error> {
-        let part = &scene.parts[p];
-        if !part.receives || kept.part_is_kept[p] {
-            return Ok(Vec::new());
-        }
+    let first_equal = equal::first_equal(scene);
+    let kept = keep::kept_blocks(scene, settings, &first_equal, &guard)?;
+    let fresh = equal::sets(&first_equal, |p| scene.parts[p].receives && !kept.part_is_kept[p]);
+    let fresh = parallel::map(fresh.len(), |i| -> Result<Vec<align::Piece>, Error> {
+        let owners: Arc<[Vec<u32>]> = fresh[i].iter().map(|p| vec![*p]).collect();
+        let part = &scene.parts[fresh[i][0] as usize];
         let surface = weld::Surface::new(scene, part);
         let flats = region::flatten_part(&surface, &guard)?;
-        Ok(flats.iter().map(|flat| align::piece(&surface, flat, p as u32).scaled(part.treatment.density)).collect())
+        Ok(flats.iter().map(|flat| align::piece(&surface, flat, &owners).scaled(part.treatment.density)).collect())
     });
     let mut pieces = kept.pieces;
     for part in fresh {
         pieces.extend(part?);
     }
-    pieces.sort_by_key(|piece| piece.parts[0]);
-    let mut warnings: Vec<Warning> = kept.warnings;
+    pieces.sort_by_key(|piece| piece.owners[0][0]);
+    let mut warnings: Vec<Warning> = kept.warnings.into_iter().map(|(_, warning)| warning).collect();
     let arranged = arrange::arrange(scene, pieces, settings, &guard, &mut warnings)?;
     let output = assemble::assemble(scene, &arranged, &kept.part_is_kept);
     Ok(Warned { output, warnings })

@@ -10,7 +10,7 @@
 use super::Settings;
 use super::measure::{Place, Spot};
 use crate::atlas::connect::Sets;
-use crate::atlas::{Atlas, Chart, ChartedPart, NO_CHART, raster};
+use crate::atlas::{Atlas, Chart, ChartedPart, Layout, NO_CHART, raster};
 use crate::base::{Progress, Rgb, parallel};
 use crate::output::Error;
 use crate::output::exr::ImageF32;
@@ -134,7 +134,7 @@ impl<'a> Subject<'a> {
     /// A texel of a patch lies in one chart alone.
     pub(super) fn is_pure(&self, front: usize) -> bool {
         let chart = self.patches.chart(front);
-        self.patches.triangles(front).iter().all(|&t| self.chart[t as usize] == chart)
+        self.patches.triangles(front).all(|t| self.chart[t as usize] == chart)
     }
 
     /// The surface of a patch at its centroid.
@@ -281,22 +281,22 @@ fn atlas(scene: &Scene, flat: &[Option<Flat>], chart: &[u32], page_size: [u32; 2
     let mut atlas = Atlas { page_size, pages, ..Atlas::default() };
     for (index, part) in scene.parts.iter().enumerate() {
         let range = part.triangles.start as usize..part.triangles.end as usize;
-        let mut charted = ChartedPart {
+        let mut layout = Layout {
             source_vertex: (0..part.vertices.len() as u32).collect(),
             uv: vec![Vec2::ZERO; part.vertices.len()],
             chart: chart[range.clone()].to_vec(),
-            ..ChartedPart::default()
+            ..Layout::default()
         };
         for t in range {
             let local = scene.triangle(t as u32).map(|v| v - part.vertices.start);
-            charted.triangles.push(local);
+            layout.triangles.push(local);
             let Some(f) = flat[t] else { continue };
-            local.iter().zip(f.uv).for_each(|(v, uv)| charted.uv[*v as usize] = uv);
+            local.iter().zip(f.uv).for_each(|(v, uv)| layout.uv[*v as usize] = uv);
             if chart[t] != NO_CHART && chart[t] as usize == atlas.charts.len() {
                 atlas.charts.push(Chart { part: index as u32, page: f.page });
             }
         }
-        atlas.parts.push(charted);
+        atlas.parts.push(ChartedPart::on_page(layout));
     }
     atlas
 }

@@ -127,10 +127,10 @@ fn placed(subject: &Subject<'_>, lightmap: &Lightmap) -> Lightmaps {
 fn places(scene: &Scene, atlas: &Atlas) -> Vec<Option<Place>> {
     let mut places = vec![None; scene.triangle_count()];
     for (part, charted) in scene.parts.iter().zip(&atlas.parts) {
-        for ((t, corners), &chart) in part.triangles.clone().zip(&charted.triangles).zip(&charted.chart) {
+        for ((t, corners), chart) in part.triangles.clone().zip(&charted.layout.triangles).zip(charted.charts()) {
             if chart != NO_CHART {
                 let page = atlas.charts[chart as usize].page;
-                places[t as usize] = Some(Place { page, chart, corners: corners.map(|v| charted.uv[v as usize]) });
+                places[t as usize] = Some(Place { page, chart, corners: corners.map(|v| charted.uv(v)) });
             }
         }
     }

@@ -78,14 +78,14 @@ pub(super) fn part(
 ) -> PartFacts {
     let (part, charted) = (&scene.parts[index], &atlas.parts[index]);
     let material = &scene.materials[part.material];
-    let mut charts: Vec<u32> = charted.chart.iter().copied().filter(|&c| c != NO_CHART).collect();
+    let mut charts: Vec<u32> = charted.charts().filter(|&c| c != NO_CHART).collect();
     charts.sort_unstable();
     charts.dedup();
     let on_page = |t: &[u32; 3]| {
-        let [a, b, c] = t.map(|v| charted.uv[v as usize].as_dvec2());
+        let [a, b, c] = t.map(|v| charted.uv(v).as_dvec2());
         0.5 * (b - a).perp_dot(c - a).abs()
     };
-    let in_charts = charted.triangles.iter().zip(&charted.chart).filter(|(_, c)| **c != NO_CHART);
+    let in_charts = charted.layout.triangles.iter().zip(charted.charts()).filter(|(_, c)| *c != NO_CHART);
     let area = part.triangles.clone().map(|t| scene.area(t)).fold(0.0, |a, b| a + b);
     let sides = if material.double_sided { 2.0 } else { 1.0 };
     let exitance = (emission * part.treatment.emission).as_dvec3() * PI;

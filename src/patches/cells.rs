@@ -91,7 +91,7 @@ impl Patches {
         n: u32,
         mut visit: impl FnMut(SurfacePoint, DVec2, f32),
     ) {
-        let triangle = self.fragments.triangle[f];
+        let triangle = self.fragments.triangle(front, f);
         let map = self.map(triangle, front);
         let at = |c: DVec2| SurfacePoint { triangle, b: map.weights(c) };
         let side = 1.0 / f64::from(n);

@@ -141,10 +141,7 @@ fn contacts(patches: &Patches, i: usize) -> u8 {
 }
 
 fn touch(patches: &Patches, i: usize, j: usize, axis: usize) -> bool {
-    let full = |p: usize| {
-        let range = patches.fragments.range(p);
-        patches.fragments.covered[range].iter().fold(0.0, |a, b| a + b) > 0.999_999
-    };
+    let full = |p: usize| patches.covered(p) > 0.999_999;
     if full(i) && full(j) {
         return true;
     }

@@ -14,6 +14,7 @@
 
 mod cells;
 mod exposed;
+mod fragments;
 mod graph;
 mod laid;
 mod place;
@@ -34,6 +35,7 @@ use crate::atlas::Atlas;
 use crate::base::{Progress, Rgb, parallel};
 use crate::scene::Scene;
 use crate::trace::Tracer;
+use fragments::Fragments;
 use glam::{Vec2, Vec3};
 use laid::Laid;
 
@@ -74,6 +76,8 @@ pub struct Patches {
     back_of: Vec<u32>,
     chart: Vec<u32>,
     grid: Vec<u32>,
+    /// Part of each front patch's texel that has surface.
+    covered: Vec<f32>,
     fragments: Fragments,
     mask: Vec<u64>,
     surface: Laid,
@@ -88,17 +92,6 @@ pub struct SurfacePoint {
     pub triangle: u32,
     /// Barycentric weights of the triangle's vertices 1 and 2.
     pub b: Vec2,
-}
-
-/// The triangles that reach into each texel, texel by texel.
-#[derive(Debug, Default)]
-struct Fragments {
-    /// Range of front patch i: `first[i]..first[i + 1]`.
-    first: Vec<u32>,
-    /// Triangle of the scene, by its id.
-    triangle: Vec<u32>,
-    /// Covered part of the texel [texel²].
-    covered: Vec<f32>,
 }
 
 impl Patches {
@@ -177,8 +170,7 @@ impl Patches {
     /// Part of the patch's texel that has surface, hidden or not, in [0, 1].
     #[must_use]
     pub fn covered(&self, patch: usize) -> f32 {
-        let covered = self.fragments.range(self.front_patch(patch)).map(|f| self.fragments.covered[f]);
-        covered.fold(0.0, |a, b| a + b)
+        self.covered[self.front_patch(patch)]
     }
 
     /// Index into `Atlas::charts` of a front patch.
@@ -198,26 +190,18 @@ impl Patches {
     #[must_use]
     pub fn area_of_part(&self, scene: &Scene, part: usize) -> f64 {
         let triangles = &scene.parts[part].triangles;
-        let own = |f: &usize| triangles.contains(&self.fragments.triangle[*f]);
-        let area = |f: usize| {
-            f64::from(self.fragments.covered[f]) * f64::from(self.surface.of(self.fragments.triangle[f]).scale)
-        };
-        (0..self.fragments.triangle.len()).filter(own).map(area).fold(0.0, |a, b| a + b)
+        let all = (0..self.front).flat_map(|i| self.triangles(i).zip(self.fragments.range(i)));
+        let area = |(t, f): (u32, usize)| f64::from(self.fragments.covered[f]) * f64::from(self.surface.of(t).scale);
+        all.filter(|(t, _)| triangles.contains(t)).map(area).fold(0.0, |a, b| a + b)
     }
 
     /// Bytes held by these arrays.
     #[must_use]
     pub fn bytes(&self) -> usize {
         self.len() * (12 + 12 + 4 + 4 + 12)
-            + self.front * (4 + 4 + 4 + 4 + 8 + 8)
+            + self.front * (4 + 4 + 4 + 4 + 4 + 8 + 8)
             + self.grid.len() * 4
-            + self.fragments.triangle.len() * 8
+            + self.fragments.bytes()
             + self.surface.bytes()
-    }
-}
-
-impl Fragments {
-    fn range(&self, patch: usize) -> core::ops::Range<usize> {
-        self.first[patch] as usize..self.first[patch + 1] as usize
     }
 }

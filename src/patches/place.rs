@@ -81,8 +81,7 @@ impl Patches {
         let mut best: Option<(f32, u32)> = None;
         for (dx, dy) in [(0, -1), (-1, 0), (1, 0), (0, 1), (-1, -1), (1, -1), (-1, 1), (1, 1)] {
             let Some(id) = self.grid_at(page, x + dx, y + dy) else { continue };
-            let range = self.fragments.range(id as usize);
-            if !self.fragments.triangle[range].contains(&triangle) {
+            if !self.triangles(id as usize).any(|t| t == triangle) {
                 continue;
             }
             let center = Vec2::new((x + dx) as f32 + 0.5, (y + dy) as f32 + 0.5);
@@ -119,26 +118,25 @@ impl Patches {
     /// The polygon of fragment `f` (absolute index) within its texel, in texel coordinates.
     pub(super) fn polygon(&self, front: usize, f: usize) -> Polygon {
         let (x, y) = self.texel_xy(front);
-        raster::within_texel(self.surface.of(self.fragments.triangle[f]).uv, x, y)
+        raster::within_texel(self.surface.of(self.fragments.triangle(front, f)).uv, x, y)
     }
 
     /// The triangles that reach into a front patch's texel, each with its polygon in texel coordinates.
     pub fn pieces(&self, front: usize) -> impl Iterator<Item = (u32, Polygon)> + '_ {
-        self.fragments.range(front).map(move |f| (self.fragments.triangle[f], self.polygon(front, f)))
+        self.fragments.range(front).map(move |f| (self.fragments.triangle(front, f), self.polygon(front, f)))
     }
 
     /// The triangles that reach into a front patch's texel.
-    #[must_use]
-    pub fn triangles(&self, front: usize) -> &[u32] {
-        &self.fragments.triangle[self.fragments.range(front)]
+    pub fn triangles(&self, front: usize) -> impl Iterator<Item = u32> + '_ {
+        self.fragments.range(front).map(move |f| self.fragments.triangle(front, f))
     }
 
     /// A patch lights others: see [`Treatment::casts`](crate::scene::Treatment). Of patches that do not, no ray meets the
     /// surface.
     #[must_use]
     pub fn casts(&self, scene: &Scene, patch: usize) -> bool {
-        let triangles = self.triangles(self.front_patch(patch));
-        triangles.first().is_none_or(|&t| scene.part(t).treatment.casts)
+        let first = self.triangles(self.front_patch(patch)).next();
+        first.is_none_or(|t| scene.part(t).treatment.casts)
     }
 
     /// Where a point of a front patch's texel lies on a triangle, clamped to it [texels from the texel's corner].

@@ -110,7 +110,7 @@ impl<'a> PatchSurface<'a> {
     pub fn new(tracer: &'a Tracer<'a>, patches: &'a Patches, patch: usize) -> Self {
         let (front, back, scene) = (patches.front_patch(patch), patches.is_behind(patch), tracer.scene());
         let fragment = |f: usize| {
-            let (triangle, covered) = (patches.fragments.triangle[f], patches.fragments.covered[f]);
+            let (triangle, covered) = (patches.fragments.triangle(front, f), patches.fragments.covered[f]);
             let ground = Ground::new(scene.corners(triangle));
             let normal = if back { -ground.normal() } else { ground.normal() };
             Fragment {

@@ -1,22 +1,14 @@
 //! Charts → texel patches: which triangles reach into which texel, and the patch that they form together.
 
 use super::laid::Laid;
-use super::{Fragments, NO_PATCH, Patches};
-use crate::atlas::{Atlas, NO_CHART, raster};
+use super::{NO_PATCH, Patches, fragments};
+use crate::atlas::{Atlas, NO_CHART};
 use crate::base::{Rgb, parallel};
 use crate::scene::Scene;
 use glam::{DVec3, Vec2, Vec3};
-use rayon::slice::ParallelSliceMut;
 
 /// Points per texel side at which textured reflectance and emission are read.
 const TEXTURE_GRID: u32 = 4;
-
-/// One triangle within one texel, while they are collected.
-struct Piece {
-    texel: u32,
-    triangle: u32,
-    covered: f32,
-}
 
 /// What the pieces of one texel add up to.
 struct Texel {
@@ -36,12 +28,13 @@ struct Texel {
 /// The patches of an atlas, all fully exposed.
 pub(super) fn patches(scene: &Scene, atlas: &Atlas) -> Patches {
     let surface = Laid::new(scene, atlas);
-    let pieces = collect(&surface, atlas.page_size);
-    let fragments = group(&pieces);
-    let front = fragments.first.len() - 1;
+    let (texel, fragments) = fragments::find(&surface, atlas.page_size);
+    let front = texel.len();
+    let covered = |i: usize| fragments.range(i).map(|f| fragments.covered[f]).fold(0.0, |a, b| a + b);
     let mut patches = Patches {
         front,
-        texel: (0..front).map(|i| pieces[fragments.first[i] as usize].texel).collect(),
+        texel,
+        covered: parallel::map(front, covered),
         page_size: atlas.page_size,
         grid: vec![NO_PATCH; atlas.page_size[0] as usize * atlas.page_size[1] as usize * atlas.pages as usize],
         mask: vec![u64::MAX; front],
@@ -55,44 +48,6 @@ pub(super) fn patches(scene: &Scene, atlas: &Atlas) -> Patches {
     let texels = parallel::map(front, |i| summarise(scene, &patches, i));
     fill(&mut patches, &texels);
     patches
-}
-
-/// All pieces, ordered by texel and then by triangle.
-fn collect(surface: &Laid, [width, height]: [u32; 2]) -> Vec<Piece> {
-    let chunks = parallel::map_chunks(surface.len(), 256, |range| {
-        let mut pieces = vec![];
-        for place in range {
-            let (triangle, t) = surface.nth(place);
-            if t.page == NO_PATCH {
-                continue;
-            }
-            raster::cover(t.uv, |x, y, polygon| {
-                if (0..width as i32).contains(&x) && (0..height as i32).contains(&y) {
-                    let texel = (t.page * height + y as u32) * width + x as u32;
-                    pieces.push(Piece { texel, triangle, covered: polygon.area() as f32 });
-                }
-            });
-        }
-        pieces
-    });
-    let mut pieces: Vec<Piece> = chunks.into_iter().flatten().collect();
-    pieces.par_sort_unstable_by_key(|p| (p.texel, p.triangle));
-    pieces
-}
-
-fn group(pieces: &[Piece]) -> Fragments {
-    let mut first = vec![];
-    for (k, p) in pieces.iter().enumerate() {
-        if k == 0 || pieces[k - 1].texel != p.texel {
-            first.push(k as u32);
-        }
-    }
-    first.push(pieces.len() as u32);
-    Fragments {
-        first,
-        triangle: pieces.iter().map(|p| p.triangle).collect(),
-        covered: pieces.iter().map(|p| p.covered).collect(),
-    }
 }
 
 fn summarise(scene: &Scene, patches: &Patches, patch: usize) -> Texel {
@@ -109,7 +64,7 @@ fn summarise(scene: &Scene, patches: &Patches, patch: usize) -> Texel {
     };
     let (mut centroid, mut normal, mut largest) = (DVec3::ZERO, DVec3::ZERO, -1.0f32);
     for f in patches.fragments.range(patch) {
-        let triangle = patches.fragments.triangle[f];
+        let triangle = patches.fragments.triangle(patch, f);
         let covered = patches.fragments.covered[f];
         let surface = patches.surface.of(triangle);
         let area = f64::from(covered) * f64::from(surface.scale);
@@ -158,7 +113,7 @@ struct Mean {
 impl Mean {
     /// One look where the material does not vary.
     fn of(scene: &Scene, patches: &Patches, patch: usize, fragment: usize, center: Vec2) -> Self {
-        let triangle = patches.fragments.triangle[fragment];
+        let triangle = patches.fragments.triangle(patch, fragment);
         let material = scene.material(triangle);
         let at = |b: Vec2| {
             let opacity = if material.is_opaque() { 1.0 } else { scene.opacity(triangle, b) };

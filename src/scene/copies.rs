@@ -84,6 +84,12 @@ pub(super) fn cofactor(m: DMat4) -> DMat3 {
     DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y))
 }
 
+/// Dot products of the axes of a transform: xx, yy, zz, yz, zx, xy.
+pub(super) fn axes(m: DMat4) -> [f64; 6] {
+    let [x, y, z] = [m.x_axis, m.y_axis, m.z_axis].map(|c| c.truncate());
+    [x.dot(x), y.dot(y), z.dot(z), y.dot(z), z.dot(x), x.dot(y)]
+}
+
 /// Unit vector, or zero. Scaled first: the length of a huge or tiny vector overflows or vanishes when it is squared.
 pub(super) fn unit(n: DVec3) -> Vec3 {
     let n = (n / n.abs().max_element()).normalize_or_zero().as_vec3();
@@ -155,69 +161,67 @@ impl Scene {
     #[must_use]
     #[inline]
     pub fn corners(&self, triangle: u32) -> [Vec3; 3] {
-        if self.copies.spans.is_empty() {
-            return self.triangles[triangle as usize].map(|v| self.vertices.position[v as usize]);
-        }
-        let (_, span) = self.copies.span(triangle, TRIANGLE);
-        let corners = span.wound(self.stored_triangle(span, triangle)).map(|v| self.vertices.position[v as usize]);
-        span.placement.as_ref().map_or(corners, |placement| corners.map(|p| placement.position(p)))
+        let (stored, placement) = self.stored_corners(triangle);
+        let corners = stored.map(|v| self.vertices.position[v as usize]);
+        placement.map_or(corners, |placement| corners.map(|p| placement.position(p)))
     }
 
     /// Unit normals at the corners of a triangle.
     #[must_use]
     #[inline]
     pub fn corner_normals(&self, triangle: u32) -> [Vec3; 3] {
-        if self.copies.spans.is_empty() {
-            return self.triangles[triangle as usize].map(|v| self.vertices.normal[v as usize]);
-        }
-        let (_, span) = self.copies.span(triangle, TRIANGLE);
-        let normals = span.wound(self.stored_triangle(span, triangle)).map(|v| self.vertices.normal[v as usize]);
-        span.placement.as_ref().map_or(normals, |placement| normals.map(|n| placement.normal(n)))
+        let (stored, placement) = self.stored_corners(triangle);
+        let normals = stored.map(|v| self.vertices.normal[v as usize]);
+        placement.map_or(normals, |placement| normals.map(|n| placement.normal(n)))
     }
 
-    /// Where the corners of a triangle are in the lists of what no placement changes: colours and texture coordinates.
+    /// Where the corners of a triangle are stored, and what places them, if they are not stored where they stand.
     #[inline]
-    pub(super) fn stored_corners(&self, triangle: u32) -> [u32; 3] {
+    pub(super) fn stored_corners(&self, triangle: u32) -> ([u32; 3], Option<&Placement>) {
         if self.copies.spans.is_empty() {
-            return self.triangles[triangle as usize];
+            return (self.triangles[triangle as usize], None);
         }
         let (_, span) = self.copies.span(triangle, TRIANGLE);
-        span.wound(self.stored_triangle(span, triangle))
+        (span.wound(self.stored_triangle(span, triangle)), span.placement.as_deref())
+    }
+
+    /// The same for a vertex.
+    #[inline]
+    fn stored_vertex(&self, vertex: u32) -> (usize, Option<&Placement>) {
+        if self.copies.spans.is_empty() {
+            return (vertex as usize, None);
+        }
+        let (_, span) = self.copies.span(vertex, VERTEX);
+        ((vertex - span.first[VERTEX] + span.stored[VERTEX]) as usize, span.placement.as_deref())
     }
 
     /// World position of a vertex [m].
     #[must_use]
     #[inline]
     pub fn vertex_position(&self, vertex: u32) -> Vec3 {
-        if self.copies.spans.is_empty() {
-            return self.vertices.position[vertex as usize];
-        }
-        let (_, span) = self.copies.span(vertex, VERTEX);
-        let stored = self.vertices.position[span.stored_vertex(vertex)];
-        span.placement.as_ref().map_or(stored, |placement| placement.position(stored))
+        let (stored, placement) = self.stored_vertex(vertex);
+        let position = self.vertices.position[stored];
+        placement.map_or(position, |placement| placement.position(position))
     }
 
     /// Unit normal of a vertex.
     #[must_use]
     pub fn vertex_normal(&self, vertex: u32) -> Vec3 {
-        if self.copies.spans.is_empty() {
-            return self.vertices.normal[vertex as usize];
-        }
-        let (_, span) = self.copies.span(vertex, VERTEX);
-        let stored = self.vertices.normal[span.stored_vertex(vertex)];
-        span.placement.as_ref().map_or(stored, |placement| placement.normal(stored))
+        let (stored, placement) = self.stored_vertex(vertex);
+        let normal = self.vertices.normal[stored];
+        placement.map_or(normal, |placement| placement.normal(normal))
     }
 
     /// Linear colour of a vertex.
     #[must_use]
     pub fn vertex_color(&self, vertex: u32) -> Vec4 {
-        self.vertices.color[self.stored_vertex(vertex)]
+        self.vertices.color[self.stored_vertex(vertex).0]
     }
 
     /// Texture coordinates of a vertex; `None` without such a set.
     #[must_use]
     pub fn vertex_uv(&self, set: usize, vertex: u32) -> Option<Vec2> {
-        self.vertices.uv.get(set)?.get(self.stored_vertex(vertex)).copied()
+        self.vertices.uv.get(set)?.get(self.stored_vertex(vertex).0).copied()
     }
 
     /// The vertices of a part as they stand in the world.
@@ -256,13 +260,6 @@ impl Scene {
     fn stored_triangle(&self, span: &Span, triangle: u32) -> [u32; 3] {
         self.triangles[(triangle - span.first[TRIANGLE] + span.stored[TRIANGLE]) as usize]
     }
-
-    fn stored_vertex(&self, vertex: u32) -> usize {
-        if self.copies.spans.is_empty() {
-            return vertex as usize;
-        }
-        self.copies.span(vertex, VERTEX).1.stored_vertex(vertex)
-    }
 }
 
 impl Span {
@@ -270,10 +267,6 @@ impl Span {
     #[inline]
     fn wound(&self, [a, b, c]: [u32; 3]) -> [u32; 3] {
         if self.placement.as_ref().is_some_and(|p| p.mirrored) { [a, c, b] } else { [a, b, c] }
-    }
-
-    fn stored_vertex(&self, vertex: u32) -> usize {
-        (vertex - self.first[VERTEX] + self.stored[VERTEX]) as usize
     }
 }
 

@@ -102,6 +102,8 @@ struct PlacedPart {
     triangles: Vec<[u32; 3]>,
     mirrored: bool,
     scale: f32,
+    /// See [`Part::axes`].
+    axes: [f64; 6],
     flat: bool,
     warnings: Vec<Warning>,
 }
@@ -348,8 +350,8 @@ fn place(
         let what = format!("{name}: {bad} normals are zero or not finite; those of the triangles around were used");
         warnings.push(Warning::new("bad-normals", what).at(root.node_name(plan.placed.node)));
     });
-    let scale = pose.scale();
-    Ok(PlacedPart { position, normal, triangles, mirrored, scale, flat: local.normal.is_none(), warnings })
+    let (scale, axes, flat) = (pose.scale(), copies::axes(world), local.normal.is_none());
+    Ok(PlacedPart { position, normal, triangles, mirrored, scale, axes, flat, warnings })
 }
 
 /// Unit normals in the world; `report` hears how many had to be replaced.
@@ -410,9 +412,11 @@ impl Geometry {
         let material = entry.material.unwrap_or(materials.len() - 1);
         let [first_triangle, first_vertex] = self.parts.last().map_or([0, 0], |p| [p.triangles.end, p.vertices.end]);
         let (triangles, vertices) = (plan.size.triangles, local.position.len());
-        let (mirrored, scale, flat) = match &placing {
-            Placing::Stored(part) => (part.mirrored, part.scale, part.flat),
-            Placing::Copied { placement, scale, flat } => (placement.mirrored, *scale, *flat),
+        let (mirrored, scale, axes, flat) = match &placing {
+            Placing::Stored(part) => (part.mirrored, part.scale, part.axes, part.flat),
+            Placing::Copied { placement, scale, flat } => {
+                (placement.mirrored, *scale, copies::axes(placement.world), *flat)
+            }
         };
         let morphed = !entry.targets.is_empty();
         let skinned = node.skin.is_some();
@@ -438,6 +442,7 @@ impl Geometry {
             material,
             mirrored,
             scale,
+            axes,
             flat,
             has_uv1: local.uv.get(1).is_some_and(Option::is_some),
             receives: !(materials[material].unlit || morphed || skinned),

@@ -150,6 +150,9 @@ pub struct Part {
     pub mirrored: bool,
     /// Cube root of what the node's transform multiplies volumes by.
     pub scale: f32,
+    /// Dot products of the axes of the node's transform [m²]: xx, yy, zz, yz, zx, xy. Placements of a mesh that have the
+    /// same ones differ by a rigid motion, or a mirror.
+    pub axes: [f64; 6],
     /// No normals in the document: shading normals are the triangles' own.
     pub flat: bool,
     /// The primitive has a `TEXCOORD_1` (then `Vertices::uv[1]` holds it).

@@ -6,6 +6,7 @@
 //! Invariant: in the order of parts and triangles, whatever the number of threads.
 
 use crate::atlas::Atlas;
+use crate::atlas::Layout;
 use crate::atlas::NO_CHART;
 use crate::base::parallel;
 use crate::patches::Patches;
@@ -52,43 +53,52 @@ pub(super) struct Place {
 
 /// Borders of all charts.
 pub(super) fn edges(scene: &Scene, atlas: &Atlas, patches: &Patches) -> Vec<Edge> {
-    let of_parts = parallel::map(scene.parts.len(), |p| edges_of_part(scene, atlas, patches, p));
-    of_parts.into_iter().flatten().collect()
+    let (layouts, layout_of) = atlas.layouts();
+    let sides = parallel::map(layouts.len(), |i| border_sides(layouts[i]));
+    let of_part = |p: usize| -> Vec<Edge> {
+        let (part, charted) = (&scene.parts[p], &atlas.parts[p]);
+        let edge = |&(k, side): &(u32, u8)| {
+            let chart = charted.chart(k as usize);
+            let corner = [side, (side + 1) % 3, (side + 2) % 3];
+            let triangle = part.triangles.start + k;
+            let corners = scene.corners(triangle).map(|c| c.as_dvec3());
+            let vertices = charted.layout.triangles[k as usize];
+            Edge {
+                triangle,
+                corner,
+                page: atlas.charts[chart as usize].page,
+                turned: patches.is_turned_chart(chart),
+                uv: corner.map(|c| charted.uv(vertices[c as usize])),
+                ends: [corners[corner[0] as usize], corners[corner[1] as usize]],
+            }
+        };
+        sides[layout_of[p] as usize].iter().map(edge).collect()
+    };
+    parallel::map(scene.parts.len(), of_part).into_iter().flatten().collect()
 }
 
-fn edges_of_part(scene: &Scene, atlas: &Atlas, patches: &Patches, p: usize) -> Vec<Edge> {
-    let charted = &atlas.parts[p];
-    let first = scene.parts[p].triangles.start;
-    let mut all: Vec<([[u32; 2]; 2], u32, Edge)> = vec![];
-    for ((k, vertices), &chart) in (0u32..).zip(&charted.triangles).zip(&charted.chart) {
+/// Sides of triangles (triangle, first corner) that have a length and that no other triangle of their chart has.
+fn border_sides(layout: &Layout) -> Vec<(u32, u8)> {
+    let mut all: Vec<(u32, [[u32; 2]; 2], u32, u8)> = vec![];
+    for ((k, vertices), &chart) in (0u32..).zip(&layout.triangles).zip(&layout.chart) {
         if chart == NO_CHART {
             continue;
         }
-        let page = atlas.charts[chart as usize].page;
-        let uv = vertices.map(|v| charted.uv[v as usize]);
-        let corners = scene.corners(first + k).map(|c| c.as_dvec3());
-        for side in 0..3usize {
-            let corner = [side, (side + 1) % 3, (side + 2) % 3];
-            let key = |c: usize| uv[c].to_array().map(f32::to_bits);
-            let (a, b) = (key(corner[0]), key(corner[1]));
-            let edge = Edge {
-                triangle: first + k,
-                corner: corner.map(|c| c as u8),
-                page,
-                turned: patches.is_turned_chart(chart),
-                uv: corner.map(|c| uv[c]),
-                ends: [corners[corner[0]], corners[corner[1]]],
-            };
-            all.push(([a.min(b), a.max(b)], page, edge));
+        let key = vertices.map(|v| layout.uv[v as usize].to_array().map(f32::to_bits));
+        for side in 0..3u8 {
+            let (a, b) = (key[side as usize], key[(side as usize + 1) % 3]);
+            all.push((chart, [a.min(b), a.max(b)], k, side));
         }
     }
-    let key = |e: &([[u32; 2]; 2], u32, Edge)| (e.1, e.0, e.2.triangle, e.2.corner[0]);
-    all.par_sort_unstable_by_key(key);
-    let alone = all.chunk_by(|a, b| (a.1, a.0) == (b.1, b.0)).filter(|same| same.len() == 1);
-    let mut edges: Vec<Edge> = alone.map(|same| same[0].2).collect();
-    edges.sort_unstable_by_key(|e| (e.triangle, e.corner[0]));
-    edges.retain(|e| e.length() > 0.0);
-    edges
+    all.par_sort_unstable();
+    let alone = all.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)).filter(|same| same.len() == 1);
+    let has_length = |(_, [a, b], ..): &&(u32, [[u32; 2]; 2], u32, u8)| {
+        let [a, b] = [a, b].map(|p| Vec2::from_array(p.map(f32::from_bits)));
+        a.distance(b) > 0.0
+    };
+    let mut sides: Vec<(u32, u8)> = alone.map(|same| &same[0]).filter(has_length).map(|e| (e.2, e.3)).collect();
+    sides.sort_unstable();
+    sides
 }
 
 impl Edge {

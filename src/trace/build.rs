@@ -38,6 +38,14 @@ const MAX_TRIANGLES: usize = 1 << 28;
 /// triangle test once an origin is far outside of the scene.
 const PAD: f32 = 1.0 / (1u64 << 40) as f32;
 
+/// A box that has grown by what rounding needs in a scene whose largest coordinate is `reach`.
+pub(super) fn padded((low, high): (Vec3, Vec3), reach: f32) -> (Vec3, Vec3) {
+    let pad = PAD * reach;
+    let low = Vec3::from_array((low - pad).to_array().map(f32::next_down));
+    let high = Vec3::from_array((high + pad).to_array().map(f32::next_up));
+    (low.max(Vec3::MIN), high.min(Vec3::MAX))
+}
+
 /// Triangles below which a subtree is not worth a task.
 const TASK: usize = 1 << 12;
 
@@ -161,11 +169,8 @@ impl Hierarchy {
         }
         let bounds = Bounds::of(&items);
         let bounds = (Vec3::from(bounds.min), Vec3::from(bounds.max));
-        let pad = PAD * bounds.0.abs().max(bounds.1.abs()).max_element();
-        items.par_iter_mut().for_each(|item| {
-            item.min = Vec3::from_array((item.min - pad).to_array().map(f32::next_down)).max(Vec3::MIN);
-            item.max = Vec3::from_array((item.max + pad).to_array().map(f32::next_up)).min(Vec3::MAX);
-        });
+        let reach = bounds.0.abs().max(bounds.1.abs()).max_element();
+        items.par_iter_mut().for_each(|item| (item.min, item.max) = padded((item.min, item.max), reach));
         let extent = (bounds.1 - bounds.0).max_element();
         let branch = Branch { first: 0, count: items.len(), bounds: Bounds::of(&items) };
         let plan = plan(&mut items, branch, 1.0 / extent);

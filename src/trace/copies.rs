@@ -21,6 +21,7 @@ use super::build::Hierarchy;
 use super::build::Packet;
 use super::build::WIDTH;
 use super::build::item;
+use super::build::padded;
 use super::lanes::Eight;
 use super::lanes::Lanes;
 use super::lanes::SLACK;
@@ -42,8 +43,6 @@ use std::collections::BTreeMap;
 const ROUNDING: f64 = 1.0 / (1u32 << 23) as f64;
 /// Far above the relative error of a few operations in f64.
 const ROUNDING_64: f64 = 1.0 / (1u64 << 48) as f64;
-/// See `build`.
-const PAD: f32 = 1.0 / (1u64 << 40) as f32;
 
 /// All copies of a scene.
 #[derive(Default)]
@@ -362,11 +361,7 @@ impl Copy {
         let nothing = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         let (low, high) = points.iter().map(|p| placement.position(*p)).fold(nothing, |b, p| both(b, (p, p)));
         let reach = low.abs().max(high.abs()).max_element();
-        let pad = PAD * reach;
-        let bounds = (
-            Vec3::from_array((low - pad).to_array().map(f32::next_down)),
-            Vec3::from_array((high + pad).to_array().map(f32::next_up)),
-        );
+        let bounds = padded((low, high), reach);
         let local_from_world = placement.world.inverse();
         let slack = ROUNDING * f64::from(reach) * size(local_from_world);
         let first = scene.parts[copied.part].triangles.start;

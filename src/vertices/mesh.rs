@@ -76,9 +76,10 @@ impl Mesh {
             }
             for (k, t) in part.triangles.clone().enumerate() {
                 let corners = scene.triangle(t).map(|v| v - part.vertices.start + first);
-                let chart = charted.chart.get(k).copied().unwrap_or(NO_CHART);
-                let place = charted.triangles.get(k).filter(|_| chart != NO_CHART);
-                let uv = place.map_or([DVec2::ZERO; 3], |c| c.map(|v| charted.uv[v as usize].as_dvec2()));
+                let place = charted.layout.triangles.get(k);
+                let chart = place.map_or(NO_CHART, |_| charted.chart(k));
+                let place = place.filter(|_| chart != NO_CHART);
+                let uv = place.map_or([DVec2::ZERO; 3], |c| c.map(|v| charted.uv(v).as_dvec2()));
                 let page = place.map_or(NO_PATCH, |_| atlas.charts[chart as usize].page);
                 mesh.elements.push(Element { corners, uv, page, area: scene.area(t), uncut: None });
             }

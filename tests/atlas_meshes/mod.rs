@@ -263,6 +263,7 @@ pub(crate) fn scene(meshes: &[Mesh]) -> Scene {
             material: 0,
             mirrored: false,
             scale: 1.0,
+            axes: [1.0, 1.0, 1.0, 0.0, 0.0, 0.0],
             flat: false,
             has_uv1,
             receives: true,

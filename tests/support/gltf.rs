@@ -5,7 +5,7 @@ use serde_json::json;
 use std::path::Path;
 use std::path::PathBuf;
 use texelwalk::atlas::Atlas;
-use texelwalk::atlas::ChartedPart;
+use texelwalk::atlas::{ChartedPart, Layout};
 use texelwalk::scene::Scene;
 
 /// Collects accessors with their bytes in one buffer.
@@ -104,13 +104,13 @@ pub(crate) const PNG: &[u8] = &[
 
 /// Parts without splits: `vertices` source vertices, `triangles` on one chart each of the list.
 pub(crate) fn unsplit(vertices: u32, triangles: &[[u32; 3]], chart: u32) -> ChartedPart {
-    ChartedPart {
+    ChartedPart::on_page(Layout {
         source_vertex: (0..vertices).collect(),
         uv: (0..vertices).map(|v| glam::Vec2::new(1.0 + v as f32, 2.0)).collect(),
         triangles: triangles.to_vec(),
         chart: vec![chart; triangles.len()],
-        kept: false,
-    }
+        vertex_chart: vec![],
+    })
 }
 
 /// An atlas of 64 × 32 pages with a chart per entry of `pages`.

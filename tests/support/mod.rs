@@ -61,6 +61,7 @@ pub fn scene_with_material(triangles: &[[Vec3; 3]], material: Material) -> Scene
         material: 0,
         mirrored: false,
         scale: 1.0,
+        axes: [1.0, 1.0, 1.0, 0.0, 0.0, 0.0],
         flat: true,
         has_uv1: false,
         receives: true,

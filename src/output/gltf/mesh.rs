@@ -154,7 +154,7 @@ impl<'a> Meshes<'a> {
     /// The attributes and morph targets of a primitive, shared by its pages.
     fn vertex_edits<'e>(&mut self, root: &Element<'e>, baked: &Baked, split: usize) -> Result<VertexEdits<'e>, Error> {
         let charted = &self.atlas.parts[baked.part];
-        let count = charted.source_vertex.len();
+        let count = charted.layout.source_vertex.len();
         let mut edits = VertexEdits { replaced: Vec::new(), added: Vec::new() };
         let lightmap = format!("TEXCOORD_{}", baked.set);
         let attributes = root.get("attributes").map(|a| a.members()).unwrap_or_default();
@@ -173,7 +173,7 @@ impl<'a> Meshes<'a> {
         }
         if !baked.keep_uv {
             let [width, height] = self.atlas.page_size.map(|n| n as f32);
-            let uv = charted.uv.iter().map(|uv| [uv.x / width, uv.y / height]);
+            let uv = charted.uvs().map(|uv| [uv.x / width, uv.y / height]);
             let uv = if self.quantize_uv { self.append.short_uv(uv) } else { self.append.uv(uv) };
             edits.added.push((lightmap, uv));
         }
@@ -189,7 +189,7 @@ impl<'a> Meshes<'a> {
     /// The number of the way in which a primitive is split; equal ways have equal numbers.
     fn split_of(&mut self, baked: &Baked) -> usize {
         let part = &self.scene.parts[baked.part];
-        let source_vertex = self.atlas.parts[baked.part].source_vertex.as_slice();
+        let source_vertex = self.atlas.parts[baked.part].layout.source_vertex.as_slice();
         let origins = self.scene.cuts.origins_of(baked.part);
         let known = self.splits_of.entry((part.mesh, part.primitive)).or_default();
         if let Some(&same) = known.iter().find(|&&s| self.splits[s].is(source_vertex, origins)) {
@@ -228,7 +228,7 @@ impl<'a> Meshes<'a> {
             NO_CHART => baked.pages.first() == Some(&page),
             chart => self.atlas.charts[chart as usize].page == page,
         };
-        let of_page = charted.triangles.iter().zip(&charted.chart).filter(|(_, chart)| home(**chart));
+        let of_page = charted.layout.triangles.iter().zip(charted.charts()).filter(|(_, chart)| home(*chart));
         let list: Vec<u32> = of_page.flat_map(|(&[a, b, c], _)| if mirrored { [a, c, b] } else { [a, b, c] }).collect();
         if let Some((_, done)) = self.splits[split].indices.iter().find(|(written, _)| *written == list) {
             return *done;

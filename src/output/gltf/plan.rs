@@ -101,7 +101,7 @@ pub(super) fn lightmapped(
     for (p, (part, charted)) in scene.parts.iter().zip(&atlas.parts).enumerate() {
         check(charted, atlas).map_err(|why| fail(format!("{}, primitive {}: {why}", part.name, part.primitive)))?;
         let pages: BTreeSet<u32> =
-            charted.chart.iter().filter(|&&c| c != NO_CHART).map(|&c| atlas.charts[c as usize].page).collect();
+            charted.charts().filter(|&c| c != NO_CHART).map(|c| atlas.charts[c as usize].page).collect();
         if pages.is_empty() || !part.receives {
             continue;
         }
@@ -167,18 +167,19 @@ pub(super) fn instances<B>(
 }
 
 fn check(charted: &ChartedPart, atlas: &Atlas) -> Result<(), &'static str> {
-    let vertices = charted.source_vertex.len();
-    if charted.uv.len() != vertices || charted.chart.len() != charted.triangles.len() {
+    let layout = &charted.layout;
+    let vertices = layout.source_vertex.len();
+    if layout.uv.len() != vertices || layout.chart.len() != layout.triangles.len() {
         return Err("its charts are incomplete");
     }
-    if charted.triangles.iter().flatten().any(|&v| v as usize >= vertices) {
+    if layout.triangles.iter().flatten().any(|&v| v as usize >= vertices) {
         return Err("a charted triangle uses a vertex that does not exist");
     }
-    let page_exists = |&c: &u32| c == NO_CHART || atlas.charts.get(c as usize).is_some_and(|c| c.page < atlas.pages);
-    if !charted.chart.iter().all(page_exists) {
+    let page_exists = |c: u32| c == NO_CHART || atlas.charts.get(c as usize).is_some_and(|c| c.page < atlas.pages);
+    if !charted.charts().all(page_exists) {
         return Err("a triangle lies on a chart or page that does not exist");
     }
-    if !charted.uv.iter().all(|uv| uv.is_finite()) {
+    if !charted.uvs().all(|uv| uv.is_finite()) {
         return Err("a lightmap coordinate is not finite");
     }
     Ok(())
@@ -196,8 +197,8 @@ fn baked(
     let attributes = primitive.get("attributes");
     let accessor = |name: &str| attributes.and_then(|a| a.index_at(name));
     let count = accessor("POSITION").and_then(|a| elements.accessors.get(a)).and_then(|a| a.index_at("count"));
-    let identity = charted.source_vertex.iter().enumerate().all(|(i, &v)| i == v as usize);
-    let unsplit = identity && count == Some(charted.source_vertex.len()) && !is_compressed(primitive);
+    let identity = charted.layout.source_vertex.iter().enumerate().all(|(i, &v)| i == v as usize);
+    let unsplit = identity && count == Some(charted.layout.source_vertex.len()) && !is_compressed(primitive);
     let keep_uv = unsplit && charted.kept && accessor("TEXCOORD_1").is_some() && in_place(scene, atlas, part);
     let read_by_textures = || {
         let materials =
@@ -246,9 +247,10 @@ fn in_place(scene: &Scene, atlas: &Atlas, part: usize) -> bool {
     let range = &scene.parts[part].vertices;
     let size = Vec2::new(atlas.page_size[0] as f32, atlas.page_size[1] as f32);
     let own: Option<Vec<Vec2>> = range.clone().map(|v| scene.vertex_uv(1, v)).collect();
-    let Some(own) = own.filter(|own| own.len() == charted.uv.len()) else { return false };
-    let corners = charted.triangles.iter().zip(&charted.chart).filter(|(_, c)| **c != NO_CHART).flat_map(|(t, _)| t);
-    corners.copied().all(|v| (own[v as usize] * size - charted.uv[v as usize]).abs().max_element() <= SAME_PLACE)
+    let Some(own) = own.filter(|own| own.len() == charted.layout.uv.len()) else { return false };
+    let charts = charted.layout.triangles.iter().zip(charted.charts());
+    let corners = charts.filter(|(_, c)| *c != NO_CHART).flat_map(|(t, _)| t);
+    corners.copied().all(|v| (own[v as usize] * size - charted.uv(v)).abs().max_element() <= SAME_PLACE)
 }
 
 /// The primitive's material, then those of its variants.

@@ -132,10 +132,10 @@ impl Bake<'_> {
     /// with the part's first page.
     fn pages(&self, p: usize) -> Option<Vec<u32>> {
         let Light::Pages(atlas, _) = self.light else { return None };
-        let page = |&c: &u32| (c != NO_CHART).then(|| atlas.charts[c as usize].page);
-        let chart = &atlas.parts[p].chart;
-        let first = chart.iter().filter_map(page).min().filter(|_| self.scene.parts[p].receives)?;
-        Some(chart.iter().map(|c| page(c).unwrap_or(first)).collect())
+        let page = |c: u32| (c != NO_CHART).then(|| atlas.charts[c as usize].page);
+        let charted = &atlas.parts[p];
+        let first = charted.charts().filter_map(page).min().filter(|_| self.scene.parts[p].receives)?;
+        Some(charted.charts().map(|c| page(c).unwrap_or(first)).collect())
     }
 
     /// Materials with light that are needed, in order.

@@ -133,8 +133,8 @@ fn subset(bake: &Bake<'_>, text: &mut Text, p: usize, page: u32, pages: &[u32]) 
 fn corners(bake: &Bake<'_>, text: &mut Text, p: usize, atlas: &Atlas) {
     let charted = &atlas.parts[p];
     let [width, height] = atlas.page_size.map(|n| n as f32);
-    let at = |&v: &u32| charted.uv[v as usize];
-    let st = charted.triangles.iter().flatten().map(at).map(|uv| tuple(&[uv.x / width, 1.0 - uv.y / height]));
+    let at = |&v: &u32| charted.uv(v);
+    let st = charted.layout.triangles.iter().flatten().map(at).map(|uv| tuple(&[uv.x / width, 1.0 - uv.y / height]));
     let set = lightmap_set(&bake.scene.materials[bake.scene.parts[p].material]);
     text.line(format!("custom uniform string texelwalk:lightmapPrimvar = \"{}\"", varname(set)));
     text.list(&format!("texCoord2f[] primvars:{}", varname(set)), st, "interpolation = \"faceVarying\"");
