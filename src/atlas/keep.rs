@@ -22,6 +22,7 @@ use super::shape::fraction_bits;
 use super::shape::shape;
 use crate::base::Warning;
 use crate::base::parallel;
+use crate::scene::EqualParts;
 use crate::scene::Scene;
 use glam::DVec2;
 use glam::DVec3;
@@ -53,11 +54,11 @@ pub(super) struct Kept {
     pub(super) warnings: Vec<(u32, Warning)>,
 }
 
-/// Blocks of all usable `TEXCOORD_1`; `first_equal` has the first part equal to each one.
+/// Blocks of all usable `TEXCOORD_1`.
 pub(super) fn kept_blocks(
     scene: &Scene,
     settings: &Settings,
-    first_equal: &[u32],
+    equal_parts: &EqualParts,
     guard: &Guard,
 ) -> Result<Kept, Error> {
     let mut kept = Kept { pieces: Vec::new(), part_is_kept: vec![false; scene.parts.len()], warnings: Vec::new() };
@@ -76,7 +77,7 @@ pub(super) fn kept_blocks(
             (a.node, a.mesh) == (b.node, b.mesh) && together
         })
         .collect();
-    let equal = equal(&groups, first_equal);
+    let equal = equal(&groups, &equal_parts.first);
     let results = parallel::map(equal.len(), |g| {
         guard.check()?;
         let first = groups[equal[g][0]];

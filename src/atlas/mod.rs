@@ -3,7 +3,7 @@
 //! Lightmap coordinates are kept in texels: x right, y down, texel (0, 0) covers [0, 1)². UV = texels / page size.
 //!
 //! Parts that place the same primitive in the same size are charted once, and each has its own place for every chart
-//! (`equal`).
+//! (`scene::EqualParts`).
 //!
 //! Steps: weld the triangles of each part by position (`weld`), take planar pieces and smooth components (`region`),
 //! flatten them by projection or by xatlas (`flatten`, `chart`), turn each chart to the texel rows (`align`), or keep
@@ -27,7 +27,6 @@ mod chart;
 mod choose;
 mod claim;
 pub(crate) mod connect;
-mod equal;
 mod flatten;
 mod guard;
 mod keep;
@@ -201,9 +200,9 @@ pub fn existing_layouts(scene: &Scene, settings: &Settings) -> Vec<Option<String
 pub fn build(scene: &Scene, settings: &Settings) -> Result<Warned<Atlas>, Error> {
     check(settings)?;
     let guard = Guard::new(settings.time_limit, settings.cancel.clone());
-    let first_equal = equal::first_equal(scene);
-    let kept = keep::kept_blocks(scene, settings, &first_equal, &guard)?;
-    let fresh = equal::sets(&first_equal, |p| scene.parts[p].receives && !kept.part_is_kept[p]);
+    let equal = scene.equal_parts();
+    let kept = keep::kept_blocks(scene, settings, &equal, &guard)?;
+    let fresh = equal.sets(|p| scene.parts[p].receives && !kept.part_is_kept[p]);
     let fresh = parallel::map(fresh.len(), |i| -> Result<Vec<align::Piece>, Error> {
         let owners: Arc<[Vec<u32>]> = fresh[i].iter().map(|p| vec![*p]).collect();
         let part = &scene.parts[fresh[i][0] as usize];

@@ -7,6 +7,7 @@
 //! held at one time depends on the order of the stages and on the allocator.
 
 use super::Document;
+use super::EqualParts;
 use super::Error;
 use super::Part;
 use super::Scene;
@@ -22,6 +23,8 @@ pub struct Footprint {
     pub triangles: u64,
     /// Triangles of copies that get light of their own.
     pub lit_copies: u64,
+    /// Those of them that have charts of their own: of copies that are equal, the first.
+    pub charted_copies: u64,
     /// Parts: primitives as placed by nodes.
     pub parts: u64,
     /// Pixels of decoded textures.
@@ -33,8 +36,9 @@ const PER_DOCUMENT_BYTE: u64 = 2;
 const PER_VERTEX: u64 = 120;
 const PER_TRIANGLE: u64 = 300;
 const PER_PART: u64 = 4096;
-/// A bake of 432 balls of 9,798 triangles took 815 MiB.
-const PER_LIT_COPY: u64 = 250;
+/// Coordinates of a lightmap, as they are written.
+const PER_LIT_COPY: u64 = 20;
+const PER_CHARTED_COPY: u64 = 250;
 /// More for the first [`FEW`] triangles: freed buffers of that size stay with the allocator. A bake of 1.0 million took
 /// 602 MB, of 10.0 million 3.45 GB.
 const PER_FIRST_TRIANGLE: u64 = 250;
@@ -48,23 +52,29 @@ impl Footprint {
         Self { document_bytes: document_bytes(document), ..Self::default() }
     }
 
-    /// Triangles of copies that get light: their charts are not shared.
-    pub(super) fn lit_copies(parts: &[Part], is_copied: impl Fn(usize) -> bool) -> u64 {
-        let lit = (0..parts.len()).filter(|&p| parts[p].receives && is_copied(p));
-        lit.map(|p| parts[p].triangles.len() as u64).sum()
+    /// With the copies that get light.
+    pub(super) fn with_lit(self, parts: &[Part], is_copied: impl Fn(usize) -> bool) -> Self {
+        let equal = EqualParts::new(parts, |_| false);
+        let triangles = |is_counted: &dyn Fn(usize) -> bool| {
+            let lit = (0..parts.len()).filter(|&p| parts[p].receives && is_copied(p) && is_counted(p));
+            lit.map(|p| parts[p].triangles.len() as u64).sum()
+        };
+        let charted_copies = triangles(&|p| equal.first[p] as usize == p);
+        Self { lit_copies: triangles(&|_| true), charted_copies, ..self }
     }
 
     /// Of a scene as it is.
     #[must_use]
     pub fn of_scene(scene: &Scene) -> Self {
-        Self {
+        let footprint = Self {
             document_bytes: document_bytes(&scene.document),
             vertices: scene.vertices.position.len() as u64,
             triangles: scene.triangles.len() as u64,
-            lit_copies: Self::lit_copies(&scene.parts, |p| scene.is_copied(p)),
             parts: scene.parts.len() as u64,
             texture_pixels: scene.textures.iter().map(|t| t.pixels.len() as u64).sum(),
-        }
+            ..Self::default()
+        };
+        footprint.with_lit(&scene.parts, |p| scene.is_copied(p))
     }
 
     /// Bytes for document and geometry at the peak of a bake.
@@ -76,6 +86,7 @@ impl Footprint {
             + self.triangles.min(FEW) * PER_FIRST_TRIANGLE
             + self.parts * PER_PART
             + self.lit_copies * PER_LIT_COPY
+            + self.charted_copies * PER_CHARTED_COPY
     }
 
     /// Bytes for decoded textures.

@@ -91,7 +91,7 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
     let parts_groups = treater.parts(&walk, &mut geometry.parts, &materials, &mut warnings)?;
     let shown = instances::resolve(&mut geometry.parts);
     geometry::check_lit(&geometry.parts)?;
-    footprint.lit_copies = Footprint::lit_copies(&geometry.parts, |p| geometry.copies.is_copied(p));
+    footprint = footprint.with_lit(&geometry.parts, |p| geometry.copies.is_copied(p));
     footprint.admit(settings.memory_limit)?;
     let sizes = [settings.sun_angle, settings.light_radius];
     let (lights, lights_groups) = punctual::read(&document.root, &walk, &profiles, sizes, &mut treater, &mut warnings)?;

@@ -1,4 +1,4 @@
-//! Which parts can have the same charts.
+//! Which lit parts are equal but for a rigid motion, and so can have the same charts.
 //!
 //! In: a scene. Out: for each part, the first one equal to it. Parts are equal if they place the same primitive, in the same
 //! size and shape (equal dot products of the axes, so a rigid motion apart), and are treated alike as far as charts are
@@ -6,8 +6,7 @@
 //!
 //! Limit: placements in many different sizes are charted one by one.
 
-use crate::scene::Part;
-use crate::scene::Scene;
+use super::{Part, Scene};
 use std::collections::BTreeMap;
 
 /// Steps of a unit in which dot products are told apart: rotations that were rounded to f32 differ by a hundredth of one.
@@ -44,21 +43,40 @@ impl Kind {
     }
 }
 
-/// For each part, the first part equal to it: itself, if there is none before it, or if it was cut at contacts.
-pub(super) fn first_equal(scene: &Scene) -> Vec<u32> {
-    let mut first: BTreeMap<Kind, u32> = BTreeMap::new();
-    let of = |(p, part): (u32, &Part)| match scene.is_cut(p as usize) || !part.receives {
-        true => p,
-        false => *first.entry(Kind::of(part)).or_insert(p),
-    };
-    (0..).zip(&scene.parts).map(of).collect()
+/// Which parts are equal.
+#[derive(Debug)]
+pub struct EqualParts {
+    /// For each part, the first part equal to it: itself, if there is none before it, or if it is not lit or was cut at
+    /// contacts.
+    pub first: Vec<u32>,
 }
 
-/// The wanted parts in sets of equal ones, in the order of their first.
-pub(super) fn sets(first_equal: &[u32], wanted: impl Fn(usize) -> bool) -> Vec<Vec<u32>> {
-    let mut sets: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
-    for (p, first) in first_equal.iter().enumerate().filter(|(p, _)| wanted(*p)) {
-        sets.entry(*first).or_default().push(p as u32);
+impl EqualParts {
+    /// Of a list of parts; `alone` says which are equal to no other one.
+    pub(super) fn new(parts: &[Part], alone: impl Fn(usize) -> bool) -> Self {
+        let mut first: BTreeMap<Kind, u32> = BTreeMap::new();
+        let of = |(p, part): (u32, &Part)| match alone(p as usize) || !part.receives {
+            true => p,
+            false => *first.entry(Kind::of(part)).or_insert(p),
+        };
+        Self { first: (0..).zip(parts).map(of).collect() }
     }
-    sets.into_values().collect()
+
+    /// The wanted parts in sets of equal ones, in the order of their first.
+    #[must_use]
+    pub fn sets(&self, wanted: impl Fn(usize) -> bool) -> Vec<Vec<u32>> {
+        let mut sets: BTreeMap<u32, Vec<u32>> = BTreeMap::new();
+        for (p, first) in self.first.iter().enumerate().filter(|(p, _)| wanted(*p)) {
+            sets.entry(*first).or_default().push(p as u32);
+        }
+        sets.into_values().collect()
+    }
+}
+
+impl Scene {
+    /// Which of its parts are equal.
+    #[must_use]
+    pub fn equal_parts(&self) -> EqualParts {
+        EqualParts::new(&self.parts, |p| self.is_cut(p))
+    }
 }
