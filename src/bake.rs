@@ -58,6 +58,9 @@ pub struct Request {
     pub depfile: Option<PathBuf>,
     /// Further files that were read, for the depfile.
     pub also_read: Vec<PathBuf>,
+    /// texelwalk's own program, for outputs that are whole even if this process is killed while it writes them; see
+    /// `output::atomic`.
+    pub placer: Option<PathBuf>,
 }
 
 /// Why there is no bake.

@@ -36,6 +36,11 @@ pub enum Command {
     Render(Render),
     /// Measure whether a baked glTF's lightmap is clean: coordinates, padding, seams, leaks, odd texels
     Check(Check),
+    /// Put files in place for a bake that may be killed. Started by texelwalk itself: it does only what it is told on
+    /// standard input, in a form that nobody types, and renames and removes nothing but texelwalk's temporary files
+    #[cfg(unix)]
+    #[command(hide = true)]
+    Place,
 }
 
 /// `bake`.

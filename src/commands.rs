@@ -1,10 +1,13 @@
 //! The commands of the program, from typed options to exit code.
 
+use crate::interrupt::Interrupt;
 use crate::show;
-use std::path::Path;
+#[cfg(unix)]
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+#[cfg(unix)]
 use std::sync::Arc;
 use texelwalk::bake::{self, Observer, Request};
-use texelwalk::base::Progress;
 use texelwalk::check::{self, Baked};
 use texelwalk::cli;
 use texelwalk::output::formats::Format;
@@ -38,17 +41,13 @@ pub(crate) enum Exit {
 
 type Outcome = Result<Exit, (Exit, String)>;
 
-pub(crate) fn bake(typed: cli::Bake) -> Outcome {
+pub(crate) fn bake(typed: cli::Bake, interrupt: &Interrupt) -> Outcome {
     let options = layered(typed.options, typed.config.as_deref(), typed.preset)?;
     let settings = options.settings().map_err(|e| (Exit::Usage, e.to_string()))?;
     if typed.usd.is_some() && settings.target == Target::Lightmap && !settings.format.contains(&Format::Exr) {
         return Err((Exit::Usage, "--usd refers to the lightmap as EXR; add exr to --format".to_owned()));
     }
     start_threads(options.threads)?;
-    let progress = Arc::new(Progress::default());
-    let flag = Arc::clone(&progress);
-    ctrlc::set_handler(move || flag.cancel()).map_err(|e| (Exit::Failed, e.to_string()))?;
-
     let observer: Box<dyn Observer> = show::observer(typed.quiet, typed.verbose);
     let request = Request {
         input: typed.input,
@@ -60,8 +59,10 @@ pub(crate) fn bake(typed: cli::Bake) -> Outcome {
         html: typed.html,
         depfile: typed.depfile,
         also_read: typed.config.into_iter().collect(),
+        placer: placer(),
     };
-    let outcome = bake::bake(&request, observer.as_ref(), progress).map_err(|e| (bake_exit(&e), e.to_string()))?;
+    let outcome =
+        bake::bake(&request, observer.as_ref(), interrupt.hold()).map_err(|e| (bake_exit(&e), e.to_string()))?;
     if !typed.quiet {
         show::outcome(&outcome, typed.verbose);
     }
@@ -143,7 +144,7 @@ pub(crate) fn compare(typed: &cli::Compare) -> Outcome {
     Ok(if differs { Exit::Differs } else { Exit::Ok })
 }
 
-pub(crate) fn render(typed: &cli::Render) -> Outcome {
+pub(crate) fn render(typed: &cli::Render, interrupt: &Interrupt) -> Outcome {
     let how = scene::Settings { scene: typed.scene, ..scene::Settings::default() };
     let scene = scene::load(&typed.input, &how).map_err(|e| (scene_exit(&e), e.to_string()))?.output;
     let lightmaps = Lightmaps::load(&scene).map_err(|e| (output_exit(&e), e.to_string()))?;
@@ -173,14 +174,13 @@ pub(crate) fn render(typed: &cli::Render) -> Outcome {
     };
     let bytes = bytes.map_err(|e| (output_exit(&e), e.to_string()))?;
     let inputs = &scene.document.files_read;
-    atomic::commit(&[(typed.output.clone(), bytes)], inputs, &|| false)
-        .map_err(|e| (output_exit(&e), e.to_string()))?;
+    commit(&[(typed.output.clone(), bytes)], inputs, interrupt)?;
     let scale = if settings.linear { "cd/m²".into() } else { format!("exposure {:+.2} stops", picture.exposure) };
     show::wrote(&format!("{} ({}, {scale})", typed.output.display(), picture.camera));
     Ok(Exit::Ok)
 }
 
-pub(crate) fn check(typed: &cli::Check) -> Outcome {
+pub(crate) fn check(typed: &cli::Check, interrupt: &Interrupt) -> Outcome {
     let failed = |e: check::Error| match &e {
         check::Error::Scene(scene) => (scene_exit(scene), e.to_string()),
         check::Error::Lightmap(output) => (output_exit(output), e.to_string()),
@@ -199,8 +199,7 @@ pub(crate) fn check(typed: &cli::Check) -> Outcome {
     if let Some(path) = typed.json.as_ref().filter(|_| !on_stdout) {
         files.push((path.clone(), report.to_json().into_bytes()));
     }
-    atomic::commit(&files, &baked.scene.document.files_read, &|| false)
-        .map_err(|e| (output_exit(&e), e.to_string()))?;
+    commit(&files, &baked.scene.document.files_read, interrupt)?;
     show::data(text.as_bytes())?;
     for (path, _) in &files {
         show::wrote(&path.display().to_string());
@@ -211,4 +210,33 @@ pub(crate) fn check(typed: &cli::Check) -> Outcome {
 
 fn is_exr(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"))
+}
+
+/// Puts the files of a command in place, unless somebody asks to stop before.
+fn commit(files: &[(PathBuf, Vec<u8>)], inputs: &[PathBuf], interrupt: &Interrupt) -> Result<(), (Exit, String)> {
+    let progress = interrupt.hold();
+    let done = atomic::commit(files, inputs, placer().as_deref(), &|| progress.interrupted());
+    done.map_err(|e| (output_exit(&e), e.to_string()))
+}
+
+/// This program, which can put files in place even where the process that wrote them is killed.
+fn placer() -> Option<PathBuf> {
+    // It leads to the running program even where its file was replaced or removed meanwhile, as by an update.
+    let running = Path::new("/proc/self/exe");
+    if cfg!(target_os = "linux") && running.exists() { Some(running.into()) } else { std::env::current_exe().ok() }
+}
+
+/// Serves another process of this program; see `output::placer`.
+#[cfg(unix)]
+pub(crate) fn place() -> Outcome {
+    use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
+    let input = std::io::stdin();
+    if input.is_terminal() {
+        return Err((Exit::Usage, "texelwalk runs this by itself; there is nothing to type".to_owned()));
+    }
+    for signal in [SIGHUP, SIGINT, SIGQUIT, SIGTERM] {
+        signal_hook::flag::register(signal, Arc::default()).map_err(|e| (Exit::Failed, e.to_string()))?;
+    }
+    output::placer::serve(input.lock(), std::io::stdout().lock()).map_err(|e| (Exit::Io, e.to_string()))?;
+    Ok(Exit::Ok)
 }

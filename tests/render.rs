@@ -250,7 +250,7 @@ fn a_document_on_disk_with_its_pages() {
             written.push((page.exr.clone(), output::exr::lightmap(&page.exr, &content, &Default::default()).unwrap()));
             written.push((page.png.clone(), output::png::preview(&page.png, &content).unwrap()));
         }
-        output::atomic::commit(&written, &[path], &|| false).unwrap();
+        output::atomic::commit(&written, &[path], None, &|| false).unwrap();
         let baked = scene::load(&output, &scene::Settings::default()).unwrap().output;
         let lightmaps = Lightmaps::load(&baked).unwrap();
         let charted = atlas.parts.iter().flat_map(|p| p.charts()).filter(|c| *c != NO_CHART).count();

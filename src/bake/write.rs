@@ -76,7 +76,9 @@ impl Facts<'_> {
             files.push((path.clone(), depfile::depfile(&outputs, &inputs)?.into_bytes()));
         }
         let progress = std::sync::Arc::clone(&clock.progress);
-        clock.lasting("write", |_| atomic::commit(&files, &inputs, &|| progress.cancelled()))?;
+        clock.lasting("write", |_| {
+            atomic::commit(&files, &inputs, request.placer.as_deref(), &|| progress.cancelled())
+        })?;
         let files = files.into_iter().map(|(path, bytes)| (path, bytes.len() as u64)).collect();
         Ok(Outcome { report, files, lightmap: results.lightmap })
     }

@@ -5,41 +5,60 @@
 //! rename fail after that (a folder was taken away meanwhile), the files put in place that were not there before are
 //! removed again; one that replaced an older file stays, complete.
 //!
+//! With a second process (`placer`) that holds even if this one is killed at any moment. Without, because nobody names
+//! the program or it does not start, a kill leaves temporaries or, between two renames, new files beside old ones.
+//!
 //! A file that was read is never replaced, under whatever name (links, hard links, `..`) it is reached.
 
 use super::Error;
+use super::journal::Identity;
+use super::journal::Journal;
+use super::journal::MARKS;
+use super::journal::Step;
 use super::names::parent;
+#[cfg(unix)]
+use super::placer::Placer;
+use std::fs::File;
+use std::io::ErrorKind;
 use std::io::Write;
 use std::path::Path;
 use std::path::PathBuf;
-use tempfile::NamedTempFile;
 
 /// Bytes between two looks at whether to stop.
 const PIECE: usize = 8 << 20;
 
+/// Letters and digits in the name of a temporary file. It is noted as ours before it is made, so that it must not be the
+/// name of anything else, not even by chance: 62¹⁶ is 5e28.
+const RANDOM_LETTERS: usize = 16;
+
 /// Writes all `files` (path, contents) or none. Put last what refers to the others.
 ///
-/// `inputs` are the files that must not be touched; `cancelled` is asked now and then until the renames begin.
+/// `inputs` are the files that must not be touched; `placer` is texelwalk's own program, which then renames the files even
+/// if this process is killed; `cancelled` is asked now and then until the renames begin.
 ///
 /// # Errors
 /// If an output is an input, a folder, or named twice; if the file system fails; if `cancelled` says so.
-pub fn commit(files: &[(PathBuf, Vec<u8>)], inputs: &[PathBuf], cancelled: &dyn Fn() -> bool) -> Result<(), Error> {
+pub fn commit(
+    files: &[(PathBuf, Vec<u8>)],
+    inputs: &[PathBuf],
+    placer: Option<&Path>,
+    cancelled: &dyn Fn() -> bool,
+) -> Result<(), Error> {
     check_targets(files, inputs)?;
-    let mut folders = NewFolders::default();
-    let mut written = Vec::with_capacity(files.len());
+    if files.is_empty() {
+        return Ok(());
+    }
+    let mut hands = Hands::new(placer);
     for (path, contents) in files {
-        folders.create(parent(path))?;
-        written.push((path, write_temporary(path, contents, cancelled)?));
+        hands.create_folder(parent(path))?;
+        hands.write(path, contents, cancelled)?;
     }
     if cancelled() {
         return Err(Error::Interrupted);
     }
     // Folders that did not exist a moment ago can still turn out to be aliases of each other or of an input's.
     check_targets(files, inputs)?;
-    rename_all(written)?;
-    folders.keep();
-    sync_folders(files);
-    Ok(())
+    hands.finish()
 }
 
 fn check_targets(files: &[(PathBuf, Vec<u8>)], inputs: &[PathBuf]) -> Result<(), Error> {
@@ -86,87 +105,104 @@ fn same_inode(_: &Path, _: &Path) -> bool {
     false
 }
 
-fn write_temporary(path: &Path, contents: &[u8], cancelled: &dyn Fn() -> bool) -> Result<NamedTempFile, Error> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".texelwalk-").suffix(".tmp");
-    #[cfg(unix)]
-    {
-        // The default of temporary files is 0600; outputs get what the user's umask leaves of 0666.
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(std::fs::Permissions::from_mode(0o666));
-    }
-    let mut file = builder.tempfile_in(parent(path)).map_err(|e| Error::io(path, "create a file in its folder", e))?;
-    for piece in contents.chunks(PIECE) {
-        if cancelled() {
-            return Err(Error::Interrupted);
-        }
-        file.write_all(piece).map_err(|e| Error::io(path, "write", e))?;
-    }
-    file.flush().map_err(|e| Error::io(path, "write", e))?;
-    file.as_file().sync_all().map_err(|e| Error::io(path, "write to the disk", e))?;
-    Ok(file)
-}
-
-fn rename_all(written: Vec<(&PathBuf, NamedTempFile)>) -> Result<(), Error> {
-    let mut new: Vec<&PathBuf> = Vec::new();
-    for (path, file) in written {
-        let existed = path.exists();
-        if let Err(e) = file.persist(path) {
-            for done in new {
-                // The error that is reported is the one that came first.
-                let _ = std::fs::remove_file(done);
-            }
-            return Err(Error::io(path, "put in place", e.error));
-        }
-        if !existed {
-            new.push(path);
-        }
-    }
-    Ok(())
-}
-
-/// Makes the renames themselves durable; not every file system can, and the files are whole either way.
-fn sync_folders(files: &[(PathBuf, Vec<u8>)]) {
-    let mut folders: Vec<&Path> = files.iter().map(|(path, _)| parent(path)).collect();
-    folders.sort_unstable();
-    folders.dedup();
-    for folder in folders {
-        if let Ok(folder) = std::fs::File::open(folder) {
-            let _ = folder.sync_all();
-        }
-    }
-}
-
-/// Folders made on the way, removed again unless kept.
+/// What is on its way to the disk, known here and to the second process, if there is one.
 #[derive(Default)]
-struct NewFolders {
-    made: Vec<PathBuf>,
+struct Hands {
+    // Dropped before the journal: the second process takes everything away and ends, and then there is nothing left to
+    // take away here, unless it was killed.
+    placer: Option<Placer>,
+    journal: Journal,
 }
 
-impl NewFolders {
-    fn create(&mut self, folder: &Path) -> Result<(), Error> {
+impl Hands {
+    fn new(program: Option<&Path>) -> Self {
+        Self { placer: program.and_then(Placer::start), journal: Journal::default() }
+    }
+
+    /// To be called before it is made.
+    fn note(&mut self, step: Step) {
+        self.placer.take_if(|placer| placer.tell(&step).is_err());
+        self.journal.note(step);
+    }
+
+    fn forget(&mut self, folder: bool) {
+        self.placer.take_if(|placer| placer.forget(folder).is_err());
+        if folder { self.journal.forget_folder() } else { self.journal.forget_file() }
+    }
+
+    fn create_folder(&mut self, folder: &Path) -> Result<(), Error> {
         let missing: Vec<&Path> = folder.ancestors().take_while(|p| !p.as_os_str().is_empty() && !p.exists()).collect();
         for path in missing.into_iter().rev() {
-            match std::fs::create_dir(path) {
-                Ok(()) => self.made.push(path.to_path_buf()),
-                Err(e) if e.kind() == std::io::ErrorKind::AlreadyExists => {}
-                Err(e) => return Err(Error::io(path, "create the folder", e)),
+            self.note(Step::Folder(path.to_path_buf()));
+            if let Err(e) = std::fs::create_dir(path) {
+                self.forget(true);
+                if e.kind() != ErrorKind::AlreadyExists {
+                    return Err(Error::io(path, "create the folder", e));
+                }
             }
         }
         Ok(())
     }
 
-    fn keep(mut self) {
-        self.made.clear();
+    fn write(&mut self, path: &Path, contents: &[u8], cancelled: &dyn Fn() -> bool) -> Result<(), Error> {
+        let mut file = self.create_temporary(path).map_err(|e| Error::io(path, "create a file in its folder", e))?;
+        for piece in contents.chunks(PIECE) {
+            if cancelled() {
+                return Err(Error::Interrupted);
+            }
+            file.write_all(piece).map_err(|e| Error::io(path, "write", e))?;
+        }
+        file.flush().map_err(|e| Error::io(path, "write", e))?;
+        file.sync_all().map_err(|e| Error::io(path, "write to the disk", e))?;
+        self.journal.identify(file.metadata().ok().as_ref().and_then(Identity::of));
+        Ok(())
+    }
+
+    /// A new file beside `path`, with the permissions that the user's umask leaves.
+    fn create_temporary(&mut self, path: &Path) -> std::io::Result<File> {
+        let [start, end] = MARKS;
+        let mut builder = tempfile::Builder::new();
+        let builder = builder.prefix(start).suffix(end).rand_bytes(RANDOM_LETTERS);
+        let named = builder.make_in(parent(path), |proposed| {
+            // It is absolute even where `path` is not.
+            let temporary = path.with_file_name(proposed.file_name().unwrap_or_default());
+            self.note(Step::File { temporary: temporary.clone(), target: path.to_path_buf() });
+            File::create_new(temporary).inspect_err(|_| self.forget(false))
+        })?;
+        // The journal removes it.
+        named.keep().map(|(file, _)| file).map_err(|e| e.error)
+    }
+
+    /// Has the second process put everything in place; does it itself if there is none, or if it is gone.
+    fn finish(mut self) -> Result<(), Error> {
+        let answer = self.placer.take().and_then(Placer::place);
+        let result = answer.unwrap_or_else(|| self.journal.finish());
+        result.map_err(|fault| Error::io(self.journal.target(fault.file), "put in place", fault.source))?;
+        self.journal.keep();
+        Ok(())
     }
 }
 
-impl Drop for NewFolders {
-    fn drop(&mut self) {
-        for folder in self.made.iter().rev() {
-            // Someone else may have put a file there; then it stays.
-            let _ = std::fs::remove_dir(folder);
-        }
+/// Where there are no process groups, files are renamed by the process that wrote them.
+#[cfg(not(unix))]
+enum Placer {}
+
+#[cfg(not(unix))]
+impl Placer {
+    fn start(_: &Path) -> Option<Self> {
+        None
+    }
+
+    fn tell(&mut self, _: &Step) -> std::io::Result<()> {
+        match *self {}
+    }
+
+    fn forget(&mut self, _: bool) -> std::io::Result<()> {
+        match *self {}
+    }
+
+    fn place(self) -> Option<Result<(), super::journal::Fault>> {
+        match self {}
     }
 }
 
@@ -191,7 +227,7 @@ mod tests {
         let root = tempfile::tempdir().unwrap();
         let (a, b) = (root.path().join("x/y/a.bin"), root.path().join("b.bin"));
         std::fs::write(&b, "old and longer").unwrap();
-        commit(&[(a.clone(), b"a".to_vec()), (b.clone(), Vec::new())], &[], &never).unwrap();
+        commit(&[(a.clone(), b"a".to_vec()), (b.clone(), Vec::new())], &[], None, &never).unwrap();
         assert_eq!((std::fs::read(&a).unwrap(), std::fs::read(&b).unwrap()), (b"a".to_vec(), Vec::new()));
         assert_eq!(names(root.path()), ["b.bin", "x"]);
     }
@@ -202,7 +238,7 @@ mod tests {
         use std::os::unix::fs::PermissionsExt;
         let root = tempfile::tempdir().unwrap();
         let (ours, plain) = (root.path().join("a"), root.path().join("b"));
-        commit(&[(ours.clone(), vec![1])], &[], &never).unwrap();
+        commit(&[(ours.clone(), vec![1])], &[], None, &never).unwrap();
         std::fs::write(&plain, "x").unwrap();
         assert_eq!(ours.metadata().unwrap().permissions().mode(), plain.metadata().unwrap().permissions().mode());
     }
@@ -213,13 +249,13 @@ mod tests {
         std::fs::write(root.path().join("file"), "x").unwrap();
         let good = (root.path().join("new/deep/a.bin"), vec![1]);
         let below_a_file = (root.path().join("file/b.bin"), vec![2]);
-        assert!(matches!(commit(&[good.clone(), below_a_file], &[], &never), Err(Error::Io { .. })));
+        assert!(matches!(commit(&[good.clone(), below_a_file], &[], None, &never), Err(Error::Io { .. })));
         assert_eq!(names(root.path()), ["file"]);
 
         std::fs::create_dir(root.path().join("folder")).unwrap();
         let a_folder = (root.path().join("folder"), vec![2]);
-        assert!(matches!(commit(&[good.clone(), a_folder], &[], &never), Err(Error::Invalid { .. })));
-        assert!(matches!(commit(&[good.clone(), good], &[], &never), Err(Error::Invalid { .. })));
+        assert!(matches!(commit(&[good.clone(), a_folder], &[], None, &never), Err(Error::Invalid { .. })));
+        assert!(matches!(commit(&[good.clone(), good], &[], None, &never), Err(Error::Invalid { .. })));
         assert_eq!(names(root.path()), ["file", "folder"]);
     }
 
@@ -232,7 +268,7 @@ mod tests {
         for patience in 0..5 {
             let asked = Cell::new(0);
             let cancelled = || asked.replace(asked.get() + 1) >= patience;
-            assert!(matches!(commit(&files, &[], &cancelled), Err(Error::Interrupted)), "{patience}");
+            assert!(matches!(commit(&files, &[], None, &cancelled), Err(Error::Interrupted)), "{patience}");
             assert_eq!(names(root.path()), ["old.bin"]);
             assert_eq!(std::fs::read(&old).unwrap(), b"old");
         }
@@ -258,7 +294,7 @@ mod tests {
         aliases.push(root.path().join("hard.gltf"));
         for alias in aliases {
             let files = [(root.path().join("other.bin"), vec![1]), (alias.clone(), vec![2])];
-            let error = commit(&files, std::slice::from_ref(&input), &never).unwrap_err();
+            let error = commit(&files, std::slice::from_ref(&input), None, &never).unwrap_err();
             assert!(error.to_string().contains("would overwrite the input"), "{}: {error}", alias.display());
             assert_eq!(std::fs::read(&input).unwrap(), b"input");
             assert!(!root.path().join("other.bin").exists());

@@ -14,8 +14,11 @@ pub mod directional;
 pub mod exr;
 pub mod formats;
 pub mod gltf;
+mod journal;
 pub mod jpeg;
 pub mod names;
+#[cfg(unix)]
+pub mod placer;
 pub mod png;
 pub mod report;
 pub mod usd;

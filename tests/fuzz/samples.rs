@@ -274,7 +274,18 @@ pub(crate) fn bake_request(input: PathBuf, output: PathBuf, more: &str) -> Reque
     let options = Options::from_toml(&format!("{least}{more}")).unwrap();
     let settings = options.over(Options::preset(Preset::Preview).unwrap()).settings().unwrap();
     let (preset, also_read) = (Preset::Preview, vec![]);
-    Request { input, output, settings, preset, usd: None, report: None, html: None, depfile: None, also_read }
+    Request {
+        input,
+        output,
+        settings,
+        preset,
+        usd: None,
+        report: None,
+        html: None,
+        depfile: None,
+        also_read,
+        placer: None,
+    }
 }
 
 pub(crate) fn bake(request: &Request) -> Result<bake::Outcome, bake::Error> {

@@ -163,6 +163,7 @@ pub(crate) fn bake_glb(glb: &[u8], options: &str) -> Baked {
         html: None,
         depfile: None,
         also_read: vec![],
+        placer: None,
     };
     let outcome = bake::bake(&request, &Silent, Arc::new(Progress::default())).unwrap();
     let load = |path: &PathBuf| scene::load(path, &scene::Settings::default()).unwrap().output;
