@@ -28,9 +28,16 @@ pub(super) struct Piece {
 }
 
 impl Piece {
-    /// With `density` times as many texels per metre as others.
-    pub(super) fn scaled(mut self, density: f32) -> Self {
-        self.corners.iter_mut().flatten().for_each(|p| *p *= f64::from(density));
+    /// With lengths `scale` times as large: by density, or of a larger copy.
+    pub(super) fn scaled(mut self, scale: f64) -> Self {
+        self.corners.iter_mut().flatten().for_each(|p| *p *= scale);
+        self
+    }
+
+    /// The same chart of another part.
+    pub(super) fn of_part(mut self, part: u32) -> Self {
+        self.parts = vec![part];
+        self.faces.iter_mut().for_each(|face| face.part = part);
         self
     }
 }

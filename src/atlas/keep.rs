@@ -171,7 +171,7 @@ fn block(scene: &Scene, parts: &[usize], settings: &Settings) -> Result<Piece, S
         }
     }
     let density = scene.parts[parts[0]].treatment.density;
-    let piece = Piece { parts: chart_parts, faces, corners, kept: true }.scaled(density);
+    let piece = Piece { parts: chart_parts, faces, corners, kept: true }.scaled(f64::from(density));
     if settings.uv == Uv::Auto {
         check_texels(&piece, settings)?;
     }

@@ -2,11 +2,11 @@
 //!
 //! Lightmap coordinates are kept in texels: x right, y down, texel (0, 0) covers [0, 1)². UV = texels / page size.
 //!
-//! Steps: weld the triangles of each part by position (`weld`), take planar pieces and smooth components (`region`),
-//! flatten them by projection or by xatlas (`flatten`, `chart`), turn each chart to the texel rows (`align`), or keep
-//! the part's own `TEXCOORD_1` (`keep`); scale to the density and rasterise (`shape`), find what each chart needs of a
-//! page so that mip levels do not mix charts (`claim`, `cells`), pack (`pack`, `choose`, `arrange`), and give every
-//! triangle corner its output vertex (`assemble`).
+//! Steps: weld the triangles of each part by position (`weld`), of copies in one shape those of the first (`alike`), take
+//! planar pieces and smooth components (`region`), flatten them by projection or by xatlas (`flatten`, `chart`), turn
+//! each chart to the texel rows (`align`), or keep the part's own `TEXCOORD_1` (`keep`); scale to the density and
+//! rasterise (`shape`), find what each chart needs of a page so that mip levels do not mix charts (`claim`, `cells`),
+//! pack (`pack`, `choose`, `arrange`), and give every triangle corner its output vertex (`assemble`).
 //!
 //! Invariants:
 //! * every triangle with an area in a part that receives light has a chart;
@@ -17,6 +17,7 @@
 //! * the result does not depend on the number of threads.
 
 mod align;
+mod alike;
 mod arrange;
 mod assemble;
 pub mod cells;
@@ -39,6 +40,7 @@ use crate::base::Warned;
 use crate::base::Warning;
 use crate::base::parallel;
 use crate::scene::Scene;
+use alike::Like;
 use core::time::Duration;
 use glam::Vec2;
 use guard::Guard;
@@ -212,19 +214,30 @@ pub fn build(scene: &Scene, settings: &Settings) -> Result<Warned<Atlas>, Error>
     check(settings)?;
     let guard = Guard::new(settings.time_limit, settings.cancel.clone());
     let kept = keep::kept_blocks(scene, settings, &guard)?;
+    let is_fresh = |p: usize| scene.parts[p].receives && !kept.part_is_kept[p];
+    let like = alike::find(scene, is_fresh);
     let fresh = parallel::map(scene.parts.len(), |p| -> Result<Vec<align::Piece>, Error> {
-        let part = &scene.parts[p];
-        if !part.receives || kept.part_is_kept[p] {
+        if !is_fresh(p) || like[p].is_some() {
             return Ok(Vec::new());
         }
-        let surface = weld::Surface::new(scene, part);
+        let surface = weld::Surface::new(scene, &scene.parts[p]);
         let flats = region::flatten_part(&surface, &guard)?;
-        Ok(flats.iter().map(|flat| align::piece(&surface, flat, p as u32).scaled(part.treatment.density)).collect())
+        Ok(flats.iter().map(|flat| align::piece(&surface, flat, p as u32)).collect())
+    });
+    let fresh = fresh.into_iter().collect::<Result<Vec<_>, Error>>()?;
+    let density = |p: usize| f64::from(scene.parts[p].treatment.density);
+    let copies = parallel::map(scene.parts.len(), |p| {
+        let of_part = |like: Like| {
+            let scale = like.ratio * density(p);
+            fresh[like.part].iter().map(move |piece| piece.clone().of_part(p as u32).scaled(scale)).collect::<Vec<_>>()
+        };
+        like[p].map(of_part).unwrap_or_default()
     });
     let mut pieces = kept.pieces;
-    for part in fresh {
-        pieces.extend(part?);
+    for (p, own) in fresh.into_iter().enumerate() {
+        pieces.extend(own.into_iter().map(|piece| piece.scaled(density(p))));
     }
+    pieces.extend(copies.into_iter().flatten());
     pieces.sort_by_key(|piece| piece.parts[0]);
     let mut warnings: Vec<Warning> = kept.warnings;
     let arranged = arrange::arrange(scene, pieces, settings, &guard, &mut warnings)?;
