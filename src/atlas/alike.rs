@@ -85,7 +85,8 @@ mod tests {
         let stretch = DMat4::from_scale(DVec3::new(1.0, 1.3, 1.0));
         let turn = DMat4::from_quat(DQuat::from_euler(glam::EulerRot::XYZ, 0.3, 1.1, -2.0));
         let (first, size) = of(stretch);
-        let (turned, larger) = of(DMat4::from_translation(DVec3::splat(7.0)) * turn * stretch * DMat4::from_scale(DVec3::splat(2.0)));
+        let (turned, larger) =
+            of(DMat4::from_translation(DVec3::splat(7.0)) * turn * stretch * DMat4::from_scale(DVec3::splat(2.0)));
         assert!(distance(&first, &turned) < 1e-12 && (larger / size - 2.0).abs() < 1e-12);
         // The mesh lies down first, so it is longer in another direction.
         assert!(distance(&first, &of(stretch * turn).0) > 0.1);
