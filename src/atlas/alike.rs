@@ -3,8 +3,8 @@
 //! In: a scene whose geometry is shared (`Scene::copied`). Out: for each part the first one that is like it, and how many
 //! times as large it is.
 //!
-//! Two placements M and N of a mesh make the same shape if MᵀM and NᵀN are in proportion and both or none of them
-//! mirror. Stretches that differ by less than half of [`SAME`] count as one: a chart's density is off by that share, far
+//! Two placements M and N of a mesh make the same shape if `MᵀM` and `NᵀN` are in proportion and both or none
+//! of them mirror. Stretches that differ by less than half of [`SAME`] count as one: a chart's density is off by that share, far
 //! below what xatlas spends on flattening a curved piece.
 //!
 //! Invariant: a part that comes first is like itself; the result depends on the order of parts alone.
@@ -13,7 +13,10 @@ use crate::scene::{Placement, Scene};
 use glam::{DMat3, DVec3};
 use std::collections::BTreeMap;
 
-/// Largest difference of MᵀM, over its size.
+/// Triangles of copies from which on they are compared: charting a million takes some ten seconds of a core. Below, every
+/// copy is charted where it stands, so that it makes no difference whether geometry is shared.
+const WORTH: usize = 1 << 20;
+/// Largest difference of `MᵀM`, over its size.
 const SAME: f64 = 0.01;
 /// Shapes of a mesh that a placement is compared with. More would cost time where thousands differ, as trees do that are
 /// stretched at random.
@@ -38,8 +41,10 @@ struct Shape {
 /// One entry per part: what it is like, `None` if it is the first of its shape or not charted (`is_charted`).
 pub(super) fn find(scene: &Scene, is_charted: impl Fn(usize) -> bool) -> Vec<Option<Like>> {
     let mut like = vec![None; scene.parts.len()];
+    let copied = scene.copied().filter(|copy| is_charted(copy.part));
+    let triangles: usize = copied.map(|copy| scene.parts[copy.part].triangles.len()).sum();
     // Cuts are made in the world, each where something else stands.
-    if !scene.cuts.borders.is_empty() {
+    if triangles < WORTH || !scene.cuts.borders.is_empty() {
         return like;
     }
     let mut known: BTreeMap<(u32, usize, bool), Vec<Shape>> = BTreeMap::new();
@@ -57,7 +62,7 @@ pub(super) fn find(scene: &Scene, is_charted: impl Fn(usize) -> bool) -> Vec<Opt
     like
 }
 
-/// MᵀM of a unit volume, and the edge of the cube that a unit cube has become as large as.
+/// `MᵀM` of a unit volume, and the edge of the cube that a unit cube has become as large as.
 fn shape(placement: &Placement) -> Option<(DMat3, f64)> {
     let m = DMat3::from_mat4(placement.world);
     let size = libm::cbrt(m.determinant().abs());
