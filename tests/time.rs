@@ -9,8 +9,9 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-fn texelwalk(args: &[&str]) -> Vec<u8> {
-    let done = Command::new(env!("CARGO_BIN_EXE_texelwalk")).args(args).output().unwrap();
+fn texelwalk(args: &[&str], threads: u64) -> Vec<u8> {
+    let mut program = Command::new(env!("CARGO_BIN_EXE_texelwalk"));
+    let done = program.args(args).env("RAYON_NUM_THREADS", threads.to_string()).output().unwrap();
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     done.stdout
 }
@@ -21,7 +22,7 @@ fn fixture(name: &str) -> String {
 
 /// The estimate [s] for so many threads.
 fn estimate(input: &str, options: &[&str], threads: u64) -> f64 {
-    let facts = texelwalk(&[&["inspect", input, "--json", "--threads", &threads.to_string()], options].concat());
+    let facts = texelwalk(&[&["inspect", input, "--json"], options].concat(), threads);
     let time = &serde_json::from_slice::<Value>(&facts).unwrap()["time"];
     assert_eq!(time["threads"], threads);
     time["seconds"].as_f64().unwrap()
@@ -32,7 +33,7 @@ fn taken(input: &str, options: &[&str]) -> f64 {
     let home = tempfile::tempdir().unwrap();
     let path = |name: &str| home.path().join(name).to_str().unwrap().to_owned();
     let (out, report) = (path("out/"), path("report.json"));
-    texelwalk(&[&["bake", input, "-q", "-o", &out, "--threads", "2", "--report", &report], options].concat());
+    texelwalk(&[&["bake", input, "-q", "-o", &out, "--report", &report], options].concat(), 2);
     let report: Value = serde_json::from_slice(&fs::read(report).unwrap()).unwrap();
     report["stages"].as_array().unwrap().iter().map(|stage| stage["seconds"].as_f64().unwrap()).sum()
 }
