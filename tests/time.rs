@@ -56,13 +56,12 @@ fn estimates_are_near_and_compare_as_bakes_do() {
 #[test]
 fn estimates_fall_with_threads_and_grow_with_rays_and_texels() {
     let cornell = fixture("cornell/cornell.gltf");
-    let of = |density: &str, gather: &str, threads: u64| {
-        let options = ["--preset", "preview", "--texels-per-meter", density, "--gather", gather];
-        estimate(&cornell, &options, threads)
+    let of = |preset: &str, density: &str, threads: u64| {
+        estimate(&cornell, &["--preset", preset, "--texels-per-meter", density], threads)
     };
-    let plain = of("8", "16", 1);
-    assert!((of("8", "16", 4) * 4.0 / plain - 1.0).abs() < 1e-9);
-    assert!(of("8", "256", 1) > 2.0 * plain);
-    let finer = of("16", "16", 1) / plain;
+    let plain = of("preview", "8", 1);
+    assert!((of("preview", "8", 4) * 4.0 / plain - 1.0).abs() < 1e-9);
+    assert!(of("production", "8", 1) > 2.0 * plain, "it has four times the rays and more");
+    let finer = of("preview", "16", 1) / plain;
     assert!((2.0..4.2).contains(&finer), "four times the texels take {finer} times as long");
 }
