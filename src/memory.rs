@@ -82,13 +82,13 @@ impl Estimate {
 }
 
 /// Light groups: each name, and what has none.
-fn groups(scene: &Scene) -> u64 {
+pub(crate) fn groups(scene: &Scene) -> u64 {
     let names: BTreeSet<&Option<String>> = scene.groups.lights.iter().chain(&scene.groups.parts).collect();
     names.len().max(1) as u64
 }
 
 /// Sides that a texel has on the mean: thin two-sided surfaces have light on both.
-fn sides(scene: &Scene) -> f64 {
+pub(crate) fn sides(scene: &Scene) -> f64 {
     let (mut all, mut doubled) = (0.0, 0.0);
     for part in scene.parts.iter().filter(|p| p.receives) {
         let area = part.triangles.clone().map(|t| scene.area(t)).fold(0.0, |a, b| a + b);

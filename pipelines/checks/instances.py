@@ -2,6 +2,7 @@
 
 In: the input and the output of a bake (GltfFile). Out: the input's JSON is changed to what it must have become, for nodes that
 lost the extension: children with the transforms and other attributes of the instances, in their order, behind all other nodes.
+A document that names the extension without using it keeps the name.
 Numbers are compared by value, a float's precision apart, since accessors have no spelling.
 """
 
@@ -16,17 +17,19 @@ LARGEST = {numpy.dtype("<i1"): 127, numpy.dtype("<u1"): 255, numpy.dtype("<i2"):
 
 def expand(before, after):
     nodes, others = before.json.get("nodes", []), after.json.get("nodes", [])
+    expanded = False
     for i, node in enumerate(list(nodes)):
         if NAME in node.get("extensions", {}) and NAME not in others[i].get("extensions", {}):
             instances = expected(before, node, others[len(nodes):])
             node["children"] = [*node.pop("children", []), *(Number(str(len(nodes) + k)) for k in range(len(instances)))]
             nodes.extend(instances)
+            expanded = True
             node.pop("mesh")
             node["extensions"].pop(NAME)
             if not node["extensions"]:
                 node.pop("extensions")
     for key in ("extensionsUsed", "extensionsRequired"):
-        if NAME in before.json.get(key, []) and not any(NAME in node.get("extensions", {}) for node in nodes):
+        if expanded and NAME in before.json.get(key, []) and not any(NAME in node.get("extensions", {}) for node in nodes):
             before.json[key].remove(NAME)
             if not before.json[key]:
                 before.json.pop(key)

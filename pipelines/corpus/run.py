@@ -10,7 +10,8 @@ preview --sky 0.4,0.5,0.7` on one page, two threads, at most 120 s of processor 
 else) and 6 GiB of address space. What it answers is
 * baked (0), then the Khronos validator may find no error or warning in the output whose code it does not find in the input,
   `preserved.py` may find nothing lost, and `check` no fault in coordinates, page files or values; or
-* refused (3, or 4 for files that cannot be read) with one line that says why; or
+* refused (3, or 4 for files that cannot be read; 1 where more charts than fit on the page are needed) with one line that
+  says why; or
 * a fault: any other exit code, `panicked` on stderr, a signal, more time.
 Whether a refusal is right is for people to judge: the table says what the validator thinks of each refused file.
 
@@ -47,6 +48,7 @@ LONGEST_SECONDS = 1200
 # that of about TEXELS texels for anything, a car with its bolts as well as a box; the table counts them.
 NEVER = ("page", "values", "uv-missing", "uv-range", "uv-overlap", "uv-degenerate")
 REFUSED = (3, 4)
+FULL = "do not fit on"
 # KHR_materials_pbrSpecularGlossiness, long deprecated, wants to be the only extension of a material.
 UNAVOIDABLE = {"MULTIPLE_EXTENSIONS"}
 # What is baked is written without these, and preserved.py cannot compare with what it cannot read.
@@ -147,7 +149,7 @@ def bake(program, file, out):
         row["warnings"] = sorted({w["code"] for w in told["warnings"]})
         row["extensions"] = re.findall(r"\b(?:KHR|EXT|MSFT|ADOBE|AGI|CESIUM|MOZ|FB|NV)_\w+", " ".join(w["message"] for w in told["warnings"]))
         judge_output(program, file, out / file.name, row)
-    elif code in REFUSED and len(errors) == 1:
+    elif (code in REFUSED or code == 1 and FULL in said) and len(errors) == 1:
         found = validated([file])
         row["validator"] = found[0] if found else ["unreadable"]
         if out.exists():

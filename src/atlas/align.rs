@@ -37,10 +37,15 @@ impl Piece {
         self.owners.len()
     }
 
-    /// With `density` times as many texels per metre as others.
-    pub(super) fn scaled(mut self, density: f32) -> Self {
-        self.corners.iter_mut().flatten().for_each(|p| *p *= f64::from(density));
+    /// With lengths `scale` times as large: by density, or of a larger copy.
+    pub(super) fn scaled(mut self, scale: f64) -> Self {
+        self.corners.iter_mut().flatten().for_each(|p| *p *= scale);
         self
+    }
+
+    /// The same charts of other parts.
+    pub(super) fn of(self, owners: &Arc<[Vec<u32>]>) -> Self {
+        Self { owners: Arc::clone(owners), ..self }
     }
 }
 

@@ -213,7 +213,7 @@ fn block(scene: &Scene, parts: &[usize], settings: &Settings) -> Result<Piece, S
     }
     let density = scene.parts[parts[0]].treatment.density;
     let owners = [parts.iter().map(|p| *p as u32).collect()].into();
-    let piece = Piece { owners, parts: chart_parts, faces, corners, kept: true }.scaled(density);
+    let piece = Piece { owners, parts: chart_parts, faces, corners, kept: true }.scaled(f64::from(density));
     if settings.uv == Uv::Auto {
         check_texels(&piece, settings)?;
     }

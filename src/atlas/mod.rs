@@ -2,14 +2,14 @@
 //!
 //! Lightmap coordinates are kept in texels: x right, y down, texel (0, 0) covers [0, 1)². UV = texels / page size.
 //!
-//! Parts that place the same primitive in the same size are charted once, and each has its own place for every chart
-//! (`scene::EqualParts`).
-//!
 //! Steps: weld the triangles of each part by position (`weld`), take planar pieces and smooth components (`region`),
 //! flatten them by projection or by xatlas (`flatten`, `chart`), turn each chart to the texel rows (`align`), or keep
 //! the part's own `TEXCOORD_1` (`keep`); scale to the density and rasterise (`shape`), find what each chart needs of a
 //! page so that mip levels do not mix charts (`claim`, `cells`), pack (`pack`, `choose`, `arrange`), and give every
 //! triangle corner its output vertex (`assemble`).
+//!
+//! Parts that place the same primitive in the same size (`scene::EqualParts`) have one layout, and a place each for every
+//! chart; those in the same shape but of other sizes have the same charts, scaled (`alike`).
 //!
 //! Invariants:
 //! * every triangle with an area in a part that receives light has a chart (of parts that are equal, the first decides);
@@ -20,6 +20,7 @@
 //! * the result does not depend on the number of threads.
 
 mod align;
+mod alike;
 mod arrange;
 mod assemble;
 pub mod cells;
@@ -46,6 +47,7 @@ use crate::scene::Scene;
 use core::time::Duration;
 use guard::Guard;
 pub use layout::{ChartedPart, Layout};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -202,23 +204,39 @@ pub fn build(scene: &Scene, settings: &Settings) -> Result<Warned<Atlas>, Error>
     let guard = Guard::new(settings.time_limit, settings.cancel.clone());
     let equal = scene.equal_parts();
     let kept = keep::kept_blocks(scene, settings, &equal, &guard)?;
-    let fresh = equal.sets(|p| scene.parts[p].receives && !kept.part_is_kept[p]);
-    let fresh = parallel::map(fresh.len(), |i| -> Result<Vec<align::Piece>, Error> {
-        let owners: Arc<[Vec<u32>]> = fresh[i].iter().map(|p| vec![*p]).collect();
-        let part = &scene.parts[fresh[i][0] as usize];
-        let surface = weld::Surface::new(scene, part);
-        let flats = region::flatten_part(&surface, &guard)?;
-        Ok(flats.iter().map(|flat| align::piece(&surface, flat, &owners).scaled(part.treatment.density)).collect())
-    });
-    let mut pieces = kept.pieces;
-    for part in fresh {
-        pieces.extend(part?);
-    }
+    let mut pieces = fresh_pieces(scene, &equal.sets(|p| scene.parts[p].receives && !kept.part_is_kept[p]), &guard)?;
+    pieces.extend(kept.pieces);
     pieces.sort_by_key(|piece| piece.owners[0][0]);
     let mut warnings: Vec<Warning> = kept.warnings.into_iter().map(|(_, warning)| warning).collect();
     let arranged = arrange::arrange(scene, pieces, settings, &guard, &mut warnings)?;
     let output = assemble::assemble(scene, &arranged, &kept.part_is_kept);
     Ok(Warned { output, warnings })
+}
+
+/// Charts of sets of equal parts. Sets that are alike but for their size are charted once.
+fn fresh_pieces(scene: &Scene, sets: &[Vec<u32>], guard: &Guard) -> Result<Vec<align::Piece>, Error> {
+    let set_of: BTreeMap<usize, usize> = sets.iter().enumerate().map(|(i, set)| (set[0] as usize, i)).collect();
+    let like = alike::find(scene, |p| set_of.contains_key(&p));
+    let lead = |i: usize| sets[i][0] as usize;
+    let owners = |i: usize| -> Arc<[Vec<u32>]> { sets[i].iter().map(|p| vec![*p]).collect() };
+    let charted = parallel::map(sets.len(), |i| -> Result<Vec<align::Piece>, Error> {
+        if like[lead(i)].is_some() {
+            return Ok(Vec::new());
+        }
+        let surface = weld::Surface::new(scene, &scene.parts[lead(i)]);
+        let flats = region::flatten_part(&surface, guard)?;
+        let owners = owners(i);
+        Ok(flats.iter().map(|flat| align::piece(&surface, flat, &owners)).collect())
+    });
+    let charted = charted.into_iter().collect::<Result<Vec<_>, Error>>()?;
+    let scaled = parallel::map(sets.len(), |i| {
+        let density = f64::from(scene.parts[lead(i)].treatment.density);
+        let (source, ratio) = like[lead(i)].map_or((i, 1.0), |like| (set_of[&like.part], like.ratio));
+        let owners = owners(i);
+        let of_set = |piece: &align::Piece| piece.clone().of(&owners).scaled(ratio * density);
+        charted[source].iter().map(of_set).collect::<Vec<_>>()
+    });
+    Ok(scaled.into_iter().flatten().collect())
 }
 
 fn check(settings: &Settings) -> Result<(), Error> {

@@ -4,7 +4,8 @@
 //! the rest is solved again, and unknowns at zero that want to grow are freed, until nothing changes. That is the
 //! active-set method of Portugal, Júdice, Vicente, "A comparison of block pivoting and interior-point algorithms for
 //! linear least squares problems with nonnegative variables", Math. Comp. 63, 1994, with a limit on rounds in place of
-//! their safeguard: the last solution is cut at zero in any case.
+//! their safeguard: the last solution is cut at zero in any case. The first rounds are solved roughly ([`ROUGH`]): they
+//! find most of what is fixed, and no digit of them stays.
 //!
 //! Preconditioned by the diagonal; a mass matrix then has a condition that does not grow with the mesh, so the number of
 //! steps hardly depends on its size. Sums are taken in fixed chunks: the same bits at any thread count.
@@ -20,6 +21,9 @@ use glam::DVec3;
 const MOST_STEPS: usize = 400;
 /// Rounds of fixing and freeing. Most scenes need 3 to 7.
 const MOST_ROUNDS: usize = 16;
+/// Residual of the first rounds, as a multiple of the last one's. Much larger: wrong ones are fixed; smaller: steps that
+/// the next round does again (at 1, the seams of a body of 46,000 triangles took 47 s, and 14 s with this).
+const ROUGH: f64 = 100.0;
 
 /// The symmetric matrix of a least squares problem.
 pub trait Equations: Sync {
@@ -40,10 +44,15 @@ pub fn solve(
     progress: &Progress,
 ) -> Vec<DVec3> {
     let mut free = vec![BVec3::TRUE; x.len()];
+    let mut enough = ROUGH * close;
     for _ in 0..MOST_ROUNDS {
-        conjugate_gradients(system, load, &mut x, &free, close, progress);
-        if !pivot(system, load, &mut x, &mut free, close) || progress.cancelled() {
+        conjugate_gradients(system, load, &mut x, &free, enough, progress);
+        let changed = pivot(system, load, &mut x, &mut free, enough);
+        if progress.cancelled() || (!changed && enough <= close) {
             break;
+        }
+        if !changed {
+            enough = close;
         }
     }
     x.into_iter().map(|v| v.max(DVec3::ZERO)).collect()

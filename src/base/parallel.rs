@@ -9,6 +9,12 @@ use rayon::prelude::*;
 /// Elements per chunk of a parallel sum.
 const SUM_CHUNK: usize = 4096;
 
+/// Number of threads that loops run on.
+#[must_use]
+pub fn threads() -> usize {
+    rayon::current_num_threads()
+}
+
 /// `f(0), f(1), … f(n − 1)` in order, computed in parallel.
 pub fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
     (0..n).into_par_iter().map(&f).collect()

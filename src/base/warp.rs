@@ -91,9 +91,7 @@ impl SphericalTriangle {
         let (n_ab, n_bc, n_ca) =
             (a.cross(b).try_normalize()?, b.cross(c).try_normalize()?, c.cross(a).try_normalize()?);
         let alpha = angle_between(n_ab, -n_ca);
-        // Van Oosterom and Strackee, "The Solid Angle of a Plane Triangle", 1983: accurate also for small triangles.
-        let determinant = a.dot(b.cross(c)).abs();
-        let solid_angle = 2.0 * libm::atan2f(determinant, 1.0 + a.dot(b) + b.dot(c) + c.dot(a));
+        let solid_angle = solid_angle([a, b, c]);
         let usable = solid_angle > 0.0 && solid_angle.is_finite() && n_bc.is_finite();
         usable.then_some(Self { a, b, c, alpha, cos_c: a.dot(b), solid_angle })
     }
@@ -114,6 +112,15 @@ impl SphericalTriangle {
         let toward_new = (c_new - self.b * c_new.dot(self.b)).normalize_or_zero();
         (self.b * z + toward_new * (1.0 - z * z).max(0.0).sqrt()).normalize_or_zero()
     }
+}
+
+/// Solid angle of a triangle by unit directions to its corners [sr]; 0 in its plane.
+///
+/// Source: A. van Oosterom, J. Strackee, "The Solid Angle of a Plane Triangle", 1983: accurate also for small triangles.
+#[must_use]
+pub fn solid_angle([a, b, c]: [Vec3; 3]) -> f32 {
+    let determinant = a.dot(b.cross(c)).abs();
+    if determinant > 0.0 { 2.0 * libm::atan2f(determinant, 1.0 + a.dot(b) + b.dot(c) + c.dot(a)) } else { 0.0 }
 }
 
 fn angle_between(u: Vec3, v: Vec3) -> f32 {

@@ -1,4 +1,4 @@
-//! What would be baked: parts with their area and texels, lights, materials, memory, and what was odd.
+//! What would be baked: parts with their area and texels, lights, materials, memory, time, and what was odd.
 //!
 //! In: a document and bake settings. Out: [`Facts`], as a table or as JSON. Loads and charts, but traces no ray.
 //!
@@ -7,9 +7,11 @@
 mod light;
 mod surface;
 mod table;
+mod time;
 
 pub use light::LightFacts;
 pub use surface::{MaterialFacts, PartFacts};
+pub use time::Time;
 
 use crate::atlas;
 use crate::bake::Error;
@@ -52,6 +54,8 @@ pub struct Facts {
     pub utilization: f64,
     /// Memory that a bake with these settings takes.
     pub memory: Estimate,
+    /// How long that bake takes on a machine of the kind that it was fitted on.
+    pub time: Time,
     /// What was odd, and what is ignored.
     pub warnings: Vec<Warning>,
 }
@@ -83,6 +87,7 @@ pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
     let charted = atlas::build(&scene, &how)?;
     let atlas = charted.output;
     let memory = Estimate::new(&scene, &atlas, settings);
+    let time = Time::new(&scene, &atlas, settings);
     let mut used: Vec<usize> = scene.parts.iter().map(|p| p.material).collect();
     used.sort_unstable();
     used.dedup();
@@ -111,6 +116,7 @@ pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
         texels: atlas.covered_texels,
         utilization: atlas.utilization(),
         memory,
+        time,
         warnings: loaded.warnings.into_iter().chain(charted.warnings).collect(),
     })
 }

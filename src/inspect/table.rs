@@ -69,6 +69,7 @@ impl Facts {
             self.texels, self.charts, self.pages, self.texels_per_meter
         )?;
         writeln!(out, "memory of a bake: about {}", self.memory.words())?;
+        writeln!(out, "time of a bake: {}", self.time.words())?;
         for w in &self.warnings {
             let node = w.node.as_ref().map_or(String::new(), |n| format!(" [{n}]"));
             writeln!(out, "warning: {}{node}: {}", w.code, w.message)?;

@@ -179,11 +179,11 @@ impl Piece {
     fn near_estimate(&self, site: &Site) -> f32 {
         let relative = self.corners.map(|c| c - site.position);
         let all = [relative[0], relative[1], relative[2], self.centroid - site.position];
-        let elevation = all.map(|v| site.elevation(v.normalize_or_zero()));
+        let [a, b, c, middle] = all.map(Vec3::normalize_or_zero);
+        let elevation = [a, b, c, middle].map(|v| site.elevation(v));
         let mean = 0.25 * (elevation[0] + elevation[1] + elevation[2] + elevation[3]);
-        let solid_angle = warp::SphericalTriangle::new(relative).map_or(0.0, |s| s.solid_angle);
         // A triangle in the plane of the centre can still light the rest of the texel.
-        solid_angle.max(FLOOR * FLOOR) * mean
+        warp::solid_angle([a, b, c]).max(FLOOR * FLOOR) * mean
     }
 
     /// A direction from `position`; its density per steradian is 1/(solid angle) where that is not too small.

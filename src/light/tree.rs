@@ -30,6 +30,9 @@ const MOST: usize = 96;
 const SMALL: f32 = 1.0 / 128.0;
 /// Distance of a leaf, in radii of the texel, from which it looks alike from all of the texel.
 const NEAR: f32 = 3.0;
+/// Near nodes from which on those that hold several leaves stay closed: all near ones are weighed for every sample, of
+/// which a body of glowing triangles smaller than its texels has hundreds.
+const MOST_NEAR: usize = 24;
 /// Candidate splits per axis, as in pbrt.
 const BUCKETS: usize = 12;
 
@@ -194,11 +197,13 @@ impl Tree {
             return cut;
         }
         let mut open = BinaryHeap::new();
-        let mut total = 0.0;
-        let add = |node: u32, open: &mut BinaryHeap<Open>, cut: &mut Cut, total: &mut f32| {
+        let near = |n: u32| self.nodes[n as usize].bounds.distance(site.position) < NEAR * site.radius;
+        let (mut total, mut close_by) = (0.0, 0);
+        let add = |node: u32, open: &mut BinaryHeap<Open>, cut: &mut Cut, total: &mut f32, close_by: &mut usize| {
             let importance = self.importance(node, site, &estimate);
             if importance > 0.0 {
                 *total += importance;
+                *close_by += usize::from(near(node));
                 if self.nodes[node as usize].leaf {
                     cut.nodes.push((node, importance));
                 } else {
@@ -206,16 +211,21 @@ impl Tree {
                 }
             }
         };
-        add(0, &mut open, &mut cut, &mut total);
+        add(0, &mut open, &mut cut, &mut total, &mut close_by);
         while cut.nodes.len() + open.len() < MOST {
             let Some(Open(importance, node)) = open.peek().copied().filter(|o| o.0 > SMALL * total) else { break };
             open.pop();
+            if near(node) && close_by >= MOST_NEAR {
+                cut.nodes.push((node, importance));
+                continue;
+            }
             total -= importance;
-            add(node + 1, &mut open, &mut cut, &mut total);
-            add(self.nodes[node as usize].next, &mut open, &mut cut, &mut total);
+            close_by -= usize::from(near(node));
+            for child in [node + 1, self.nodes[node as usize].next] {
+                add(child, &mut open, &mut cut, &mut total, &mut close_by);
+            }
         }
         // In the order of the tree, so that neighbouring numbers choose neighbouring lights; what is near comes last.
-        let near = |n: u32| self.nodes[n as usize].bounds.distance(site.position) < NEAR * site.radius;
         let all = core::mem::take(&mut cut.nodes).into_iter().chain(open.into_iter().map(|o| (o.1, o.0)));
         let (mut far, mut close): (Vec<_>, Vec<_>) = all.partition(|n| !near(n.0));
         far.sort_unstable_by_key(|n| n.0);

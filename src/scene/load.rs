@@ -40,7 +40,8 @@ pub struct Settings {
     /// What meshes get that several nodes place, unless rules or `extras` say otherwise.
     pub instances: Instances,
     /// Store geometry that several nodes place once, where that leaves out so many triangles or more; `None` = from
-    /// [`SHARE_FROM`] on. Nothing but memory and time depends on it.
+    /// [`SHARE_FROM`] on. Memory, time, and charts (of copies in one shape those
+    /// of the first) depend on it, no light does.
     pub share_from: Option<usize>,
     /// Name of the variant whose materials are taken; `None` = those of the primitives themselves.
     pub variant: Option<String>,
