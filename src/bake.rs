@@ -195,6 +195,7 @@ fn load(input: &Path, settings: &Settings) -> Result<Warned<Scene>, scene::Error
         instances: settings.scene_instances(),
         share_from: None,
         variant: settings.variant.clone(),
+        albedo_density: Some(settings.texels_per_meter),
         memory_limit: settings.memory_limit,
     };
     let mut loaded = scene::load(input, &how)?;

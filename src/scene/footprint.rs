@@ -27,8 +27,10 @@ pub struct Footprint {
     pub charted_copies: u64,
     /// Parts: primitives as placed by nodes.
     pub parts: u64,
-    /// Pixels of decoded textures.
+    /// Pixels of decoded textures, as they are kept.
     pub texture_pixels: u64,
+    /// Pixels of images that are scaled down, as many as threads decode at one time; 0 after loading.
+    pub passing_pixels: u64,
 }
 
 /// Bytes of memory for each of the numbers above. The document is read into buffers and written.
@@ -45,6 +47,8 @@ const PER_FIRST_TRIANGLE: u64 = 250;
 const FEW: u64 = 1 << 20;
 /// Four channels, and what is in the hands of the decoder.
 const PER_PIXEL: u64 = 5;
+/// Three channels from the decoder, and four twice.
+const PER_PASSING_PIXEL: u64 = 11;
 
 impl Footprint {
     /// Of the document alone; `geometry` counts its parts before it places them, `images` textures by their headers.
@@ -92,7 +96,7 @@ impl Footprint {
     /// Bytes for decoded textures.
     #[must_use]
     pub fn texture_bytes(&self) -> u64 {
-        self.texture_pixels * PER_PIXEL
+        self.texture_pixels * PER_PIXEL + self.passing_pixels * PER_PASSING_PIXEL
     }
 
     /// Refuses what needs more than `limit` bytes.

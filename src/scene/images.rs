@@ -1,8 +1,11 @@
 //! Decodes the images that the materials in use need, in parallel: PNG, JPEG, WebP, KTX2 and DDS to 8-bit RGBA.
 //!
-//! In: document, materials. Out: one [`Texture`] per texture of the document; those that are not needed are one white
-//! texel. The format is told from the bytes, as many documents state it wrongly. Colour profiles and orientation tags
+//! In: document, materials, and which textures may be coarser (`reduce`). Out: one [`Texture`] per texture of the
+//! document; those that are not needed are one white texel. The format is told from the bytes, as many documents state it wrongly. Colour profiles and orientation tags
 //! are ignored (glTF 2.0, section 3.8.3). 16-bit values are rounded to 8 bits.
+//!
+//! Scaled down are PNG and JPEG files and parts of buffers alone: of the others, and of data URIs, the decoded pixels are
+//! what a USD layer gets.
 //!
 //! Bounds, all checked from the image headers before anything is decoded: [`MAX_SIDE`], [`MAX_PIXELS`], [`MAX_RATIO`].
 
@@ -11,6 +14,9 @@ use super::Error;
 use super::Material;
 use super::basis;
 use super::dds;
+use super::reduce;
+use super::reduce::Role;
+use super::reduce::Use;
 use super::schema::TextureEntry;
 use super::schema::TextureSource;
 use super::schema::label;
@@ -21,8 +27,10 @@ use crate::base::parallel;
 use image::ImageFormat;
 use image::ImageReader;
 use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 use std::collections::btree_map::Entry;
 use std::io::Cursor;
+use std::path::Path;
 
 /// Largest width and height [px]; larger textures exist on no GPU.
 const MAX_SIDE: u32 = 16_384;
@@ -52,19 +60,41 @@ struct Source {
     format: Format,
     /// Image and material, for messages.
     place: String,
-    /// Width × height.
-    pixels: u64,
+    size: [u32; 2],
+    /// The decoded pixels are for the bake alone.
+    own: bool,
+    /// How often both sides are halved, and what the pixels are.
+    reduced: Option<(u32, Role)>,
 }
 
-/// Decodes what `materials` use, if `admit` has nothing against that many pixels.
+impl Source {
+    fn pixels(&self) -> u64 {
+        let [width, height] = self.size.map(u64::from);
+        width * height
+    }
+}
+
+/// Numbers that memory depends on.
+pub(super) struct Pixels {
+    /// Of all textures as they are kept.
+    pub(super) kept: u64,
+    /// Of images that are scaled down after that: so many can be in the hands of all threads at one time.
+    pub(super) passing: u64,
+}
+
+/// Decodes what `materials` use, if `admit` has nothing against that many pixels; `coarse` are textures that may be
+/// scaled down.
 pub(super) fn decode(
     document: &mut Document,
     materials: &[Material],
+    coarse: &BTreeMap<usize, Use>,
     warnings: &mut Vec<Warning>,
-    admit: impl FnOnce(u64) -> Result<(), Error>,
+    admit: impl FnOnce(Pixels) -> Result<(), Error>,
 ) -> Result<Vec<Texture>, Error> {
-    let Needs { textures, sources, pixels } = collect(document, materials)?;
-    admit(pixels)?;
+    let mut needs = collect(document, materials)?;
+    needs.reduce(coarse);
+    admit(needs.pixels())?;
+    let Needs { textures, sources } = needs;
     let order: Vec<(&usize, &Source)> = sources.iter().collect();
     let decoded = parallel::map(order.len(), |i| decode_one(order[i].1));
     let mut images = BTreeMap::new();
@@ -103,8 +133,36 @@ struct Needs {
     textures: BTreeMap<usize, usize>,
     /// Image → encoded bytes.
     sources: BTreeMap<usize, Source>,
-    /// Of all textures together.
-    pixels: u64,
+}
+
+impl Needs {
+    /// Plans how far images are scaled down: as far as all textures that show them may be, in the same role.
+    fn reduce(&mut self, coarse: &BTreeMap<usize, Use>) {
+        let Self { textures, sources } = self;
+        let mut first = BTreeSet::new();
+        for (texture, image) in textures {
+            let Some(source) = sources.get_mut(image).filter(|source| source.own) else { continue };
+            let wanted = coarse.get(texture).map(|of| (of.halvings(source.size), of.role));
+            source.reduced = match (first.insert(*image), source.reduced, wanted) {
+                (true, _, wanted) => wanted,
+                (false, Some((a, role)), Some((b, other))) if role == other => Some((a.min(b), role)),
+                _ => None,
+            };
+        }
+        for source in sources.values_mut() {
+            source.reduced = source.reduced.filter(|(halvings, _)| *halvings > 0);
+        }
+    }
+
+    fn pixels(&self) -> Pixels {
+        let kept = |source: &Source| source.pixels() >> (2 * source.reduced.map_or(0, |(halvings, _)| halvings));
+        let mut reduced: Vec<u64> = self.sources.values().filter(|s| s.reduced.is_some()).map(Source::pixels).collect();
+        reduced.sort_unstable_by(|a, b| b.cmp(a));
+        Pixels {
+            kept: self.textures.values().filter_map(|image| self.sources.get(image)).map(kept).sum(),
+            passing: reduced.iter().take(rayon::current_num_threads()).sum(),
+        }
+    }
 }
 
 /// All that the materials use; sizes checked.
@@ -123,7 +181,7 @@ fn collect(document: &mut Document, materials: &[Material]) -> Result<Needs, Err
                 Entry::Occupied(known) => known.into_mut(),
                 Entry::Vacant(new) => new.insert(open(document, image, &format!("material {}", material.name))?),
             };
-            pixels += source.pixels;
+            pixels += source.pixels();
             if pixels > MAX_PIXELS {
                 return Err(Error::unsupported(format!(
                     "the textures take more than {} GiB when decoded; scale them down before the bake",
@@ -133,7 +191,7 @@ fn collect(document: &mut Document, materials: &[Material]) -> Result<Needs, Err
             textures.insert(texture, image);
         }
     }
-    Ok(Needs { textures, sources, pixels })
+    Ok(Needs { textures, sources })
 }
 
 impl TextureEntry {
@@ -163,8 +221,8 @@ pub(super) struct Picture {
 /// Decodes one image for `user`, of at most `most` pixels.
 pub(super) fn decode_alone(document: &mut Document, index: usize, user: &str, most: u64) -> Result<Picture, Error> {
     let source = open(document, index, user)?;
-    if source.pixels > most {
-        let what = format!("{} has {} pixels; {most} are the limit, scale it down", source.place, source.pixels);
+    if source.pixels() > most {
+        let what = format!("{} has {} pixels; {most} are the limit, scale it down", source.place, source.pixels());
         return Err(Error::unsupported(what));
     }
     let png = matches!(source.format, Format::Common(ImageFormat::Png));
@@ -188,9 +246,9 @@ fn open(document: &mut Document, index: usize, user: &str) -> Result<Source, Err
     let named = image.name.as_deref().or(image.uri.as_deref().filter(|u| !u.starts_with("data:")));
     let place = format!("image {index} \"{}\" of {user}", label(named, "image", index));
     let (view, uri) = (image.buffer_view, image.uri.clone());
-    let bytes = match (view, uri) {
+    let bytes = match (view, &uri) {
         (Some(view), _) => document.buffer_view(view).map_err(|e| e.within(&place))?.to_vec(),
-        (None, Some(uri)) => document.resource(&uri, &place, usize::MAX)?,
+        (None, Some(uri)) => document.resource(uri, &place, usize::MAX)?,
         (None, None) => return Err(Error::invalid(format!("{place} has neither a URI nor a buffer view"))),
     };
     let format = match image::guess_format(&bytes) {
@@ -202,9 +260,17 @@ fn open(document: &mut Document, index: usize, user: &str) -> Result<Source, Err
         }
         _ => return Err(Error::invalid(format!("{place} is neither PNG nor JPEG nor WebP nor KTX2 nor DDS"))),
     };
-    let mut source = Source { bytes, format, place, pixels: 0 };
-    source.pixels = size(&source)?;
+    let file = uri.is_some_and(|uri| !uri.starts_with("data:") && has_usual_name(&uri));
+    let own = matches!(format, Format::Common(ImageFormat::Png | ImageFormat::Jpeg)) && (view.is_some() || file);
+    let mut source = Source { bytes, format, place, size: [0; 2], own, reduced: None };
+    source.size = size(&source)?;
     Ok(source)
+}
+
+/// Readers know what is in the file by its name.
+fn has_usual_name(uri: &str) -> bool {
+    let extension = Path::new(uri).extension().unwrap_or_default();
+    ["png", "jpg", "jpeg"].iter().any(|known| extension.eq_ignore_ascii_case(known))
 }
 
 fn reader(bytes: &[u8], format: ImageFormat) -> ImageReader<Cursor<&[u8]>> {
@@ -217,8 +283,8 @@ fn reader(bytes: &[u8], format: ImageFormat) -> ImageReader<Cursor<&[u8]>> {
     reader
 }
 
-/// Pixels of an image according to its header, after checking that they are plausible.
-fn size(source: &Source) -> Result<u64, Error> {
+/// Width and height of an image according to its header, after checking that they are plausible.
+fn size(source: &Source) -> Result<[u32; 2], Error> {
     let place = &source.place;
     let (width, height) = match source.format {
         Format::Ktx2 => basis::size(&source.bytes).map_err(|e| e.within(place))?,
@@ -238,7 +304,7 @@ fn size(source: &Source) -> Result<u64, Error> {
         let what = format!("{place} claims {width} × {height} pixels but has only {bytes} bytes");
         return Err(Error::invalid(what));
     }
-    Ok(pixels)
+    Ok([width, height])
 }
 
 fn decode_one(source: &Source) -> Result<Decoded, Error> {
@@ -254,6 +320,12 @@ fn decode_one(source: &Source) -> Result<Decoded, Error> {
     };
     if width == 0 || height == 0 {
         return Err(Error::invalid(format!("{place} has no pixels")));
+    }
+    if let Some((halvings, role)) = source.reduced
+        && [width, height] == source.size
+    {
+        let ([width, height], pixels) = reduce::reduce([width, height], &pixels, halvings, role);
+        return Ok((width, height, pixels));
     }
     Ok((width, height, pixels))
 }

@@ -19,6 +19,7 @@ use super::lamps;
 use super::material;
 use super::nodes;
 use super::punctual;
+use super::reduce;
 use super::treat::Treater;
 use super::variants;
 use crate::base::Warned;
@@ -45,6 +46,9 @@ pub struct Settings {
     pub share_from: Option<usize>,
     /// Name of the variant whose materials are taken; `None` = those of the primitives themselves.
     pub variant: Option<String>,
+    /// Texels per metre that diffuse reflectance is wanted for: images that serve nothing else are scaled down to a
+    /// quarter of a texel. `None` = all images stay as they are.
+    pub albedo_density: Option<f32>,
     /// Most memory that a bake may need for the scene alone [bytes].
     pub memory_limit: Option<u64>,
 }
@@ -108,8 +112,11 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         material.volume = None;
         material.translucency = None;
     }
-    let textures = images::decode(&mut document, &materials, &mut warnings, |pixels| {
-        footprint.texture_pixels = pixels;
+    let coarse =
+        settings.albedo_density.map(|density| reduce::uses(&geometry, &materials, density)).unwrap_or_default();
+    let textures = images::decode(&mut document, &materials, &coarse, &mut warnings, |pixels| {
+        footprint.texture_pixels = pixels.kept;
+        footprint.passing_pixels = pixels.passing;
         footprint.admit(settings.memory_limit)
     })?;
     let environment = if settings.sky.is_black() { image_light::read(&mut document, settings.scene)? } else { None };

@@ -50,6 +50,7 @@ mod pose;
 mod primitive;
 mod profile;
 mod punctual;
+mod reduce;
 mod rules;
 pub mod schema;
 mod surface;

@@ -6,6 +6,7 @@
 mod builder;
 mod geometry;
 mod materials;
+mod reduce;
 mod tree;
 
 use builder::Builder;
@@ -35,6 +36,7 @@ const NONE: Settings = Settings {
     instances: scene::Instances::Unique,
     share_from: None,
     variant: None,
+    albedo_density: None,
     memory_limit: None,
 };
 
