@@ -13,10 +13,10 @@ use std::collections::BTreeSet;
 
 /// Program, threads, and what the allocator keeps [bytes].
 const PROGRAM: u64 = 32 << 20;
-/// Charts of a triangle that has no layout of its own [bytes].
+/// Charts of a triangle that has no layout of its own, once for all equal parts [bytes].
 const PER_CHARTED_TRIANGLE: u64 = 150;
 /// Patch and links [bytes].
-const PER_PATCH: u64 = 450;
+const PER_PATCH: u64 = 470;
 /// Solution of one group of lights on a patch [bytes].
 const PER_SOLUTION: u64 = 220;
 /// Light vectors on a patch [bytes].
@@ -44,7 +44,13 @@ impl Estimate {
     #[must_use]
     pub fn new(scene: &Scene, atlas: &Atlas, settings: &Settings) -> Self {
         let footprint = Footprint::of_scene(scene);
-        let charted: usize = atlas.layouts().0.iter().map(|layout| layout.triangles.len()).sum();
+        let (layouts, layout_of) = atlas.layouts();
+        let mut is_fresh = vec![false; layouts.len()];
+        for (p, (part, charts)) in scene.parts.iter().zip(&atlas.parts).enumerate() {
+            is_fresh[layout_of[p] as usize] |= part.receives && !charts.kept;
+        }
+        let charted: usize =
+            layouts.iter().zip(is_fresh).filter(|(_, fresh)| *fresh).map(|(layout, _)| layout.triangles.len()).sum();
         let groups = if settings.light_groups { groups(scene) } else { 1 };
         let vectors = if settings.directional == Directional::None { 0 } else { PER_VECTORS };
         let per_patch = PER_PATCH + groups * (PER_SOLUTION + vectors);
