@@ -35,9 +35,9 @@ use watch::{Cost, Counting};
 static ALLOCATOR: Counting = Counting;
 
 /// Executions of the default run.
-const QUICK: u64 = 20_000;
+const QUICK: u64 = 15_000;
 /// Executions of the ignored run.
-const LONG: u64 = 25_000;
+const LONG: u64 = 20_000;
 /// Longest that an execution may take [s]; run again, for machines that were busy.
 const PATIENCE: f64 = 2.0;
 /// Memory that any execution may take, and beyond that for each byte of its input [bytes]. Packed pictures grow by up to
