@@ -63,6 +63,15 @@ pub struct Request {
     pub placer: Option<PathBuf>,
 }
 
+impl Request {
+    /// A document and its lightmaps, and nothing else.
+    #[must_use]
+    pub fn new(input: PathBuf, output: PathBuf, settings: Settings, preset: Preset) -> Self {
+        let [usd, report, html, depfile, placer] = [const { None }; 5];
+        Self { input, output, settings, preset, usd, report, html, depfile, also_read: vec![], placer }
+    }
+}
+
 /// Why there is no bake.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {

@@ -265,18 +265,9 @@ fn whoever_asks_to_stop_after_the_files_are_in_place_is_told_that_they_are() {
     let root = tempfile::tempdir().unwrap();
     let preset = Options::from_toml("texels-per-meter = 2").unwrap();
     let settings = preset.over(Options::preset(Preset::Preview).unwrap()).settings().unwrap();
-    let request = Request {
-        input: Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/cornell/cornell.gltf"),
-        output: root.path().join("out.glb"),
-        settings,
-        preset: Preset::Preview,
-        usd: None,
-        report: None,
-        html: None,
-        depfile: None,
-        also_read: vec![],
-        placer: Some(PROGRAM.into()),
-    };
+    let input = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/cornell/cornell.gltf");
+    let request = Request::new(input, root.path().join("out.glb"), settings, Preset::Preview);
+    let request = Request { placer: Some(PROGRAM.into()), ..request };
     let progress = Arc::new(Progress::default());
     let outcome = bake::bake(&request, &Late(Arc::clone(&progress)), Arc::clone(&progress)).unwrap();
     assert!(progress.interrupted());

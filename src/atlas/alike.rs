@@ -3,8 +3,8 @@
 //! In: a scene whose geometry is shared (`Scene::copied`). Out: for each part the first one that is like it, and how many
 //! times as large it is.
 //!
-//! Two placements M and N of a mesh make the same shape if `MᵀM` and `NᵀN` are in proportion and both or none
-//! of them mirror. Stretches that differ by less than half of [`SAME`] count as one: a chart's density is off by that share, far
+//! Two placements M and N of a mesh make the same shape if `MᵀM` and `NᵀN` are in proportion and both or none of them
+//! mirror. Stretches that differ by less than half of [`SAME`] count as one: a chart's density is off by that share, far
 //! below what xatlas spends on flattening a curved piece.
 //!
 //! Invariant: a part that comes first is like itself; the result depends on the order of parts alone.
@@ -13,8 +13,8 @@ use crate::scene::{Placement, Scene};
 use glam::{DMat3, DVec3};
 use std::collections::BTreeMap;
 
-/// Triangles of copies from which on they are compared: charting a million takes half a minute of a core. Below, every
-/// copy is charted where it stands, so that it makes no difference whether geometry is shared.
+/// Triangles of copies from which on they are compared. Below, charting takes little time, and every copy is charted where
+/// it stands, so that it makes no difference whether geometry is shared.
 const WORTH: usize = 1 << 20;
 /// Largest difference of `MᵀM`, over its size.
 const SAME: f64 = 0.01;

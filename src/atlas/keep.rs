@@ -46,7 +46,7 @@ type Owners = Vec<Vec<u32>>;
 /// What can be kept.
 #[derive(Debug)]
 pub(super) struct Kept {
-    /// Blocks, in the order of their first parts.
+    /// Blocks, by the sets of nodes that they are of.
     pub(super) pieces: Vec<Piece>,
     /// For each part of the scene, whether it is in a block.
     pub(super) part_is_kept: Vec<bool>,
@@ -99,7 +99,6 @@ pub(super) fn kept_blocks(
             kept.add(scene, owners, piece, settings)?;
         }
     }
-    kept.pieces.sort_by_key(|piece| piece.owners[0][0]);
     kept.warnings.sort_by_key(|(part, _)| *part);
     Ok(kept)
 }

@@ -273,19 +273,7 @@ pub(crate) fn bake_request(input: PathBuf, output: PathBuf, more: &str) -> Reque
                  direct-samples = 1\nsky = [0.1, 0.1, 0.1]\n";
     let options = Options::from_toml(&format!("{least}{more}")).unwrap();
     let settings = options.over(Options::preset(Preset::Preview).unwrap()).settings().unwrap();
-    let (preset, also_read) = (Preset::Preview, vec![]);
-    Request {
-        input,
-        output,
-        settings,
-        preset,
-        usd: None,
-        report: None,
-        html: None,
-        depfile: None,
-        also_read,
-        placer: None,
-    }
+    Request::new(input, output, settings, Preset::Preview)
 }
 
 pub(crate) fn bake(request: &Request) -> Result<bake::Outcome, bake::Error> {

@@ -153,18 +153,8 @@ pub(crate) fn bake_glb(glb: &[u8], options: &str) -> Baked {
     let input = folder.path().join("in.glb");
     std::fs::write(&input, glb).unwrap();
     let options = Options::from_toml(options).unwrap().over(Options::preset(Preset::Preview).unwrap());
-    let request = Request {
-        input: input.clone(),
-        output: folder.path().join("out.glb"),
-        settings: options.settings().unwrap(),
-        preset: Preset::Preview,
-        usd: None,
-        report: None,
-        html: None,
-        depfile: None,
-        also_read: vec![],
-        placer: None,
-    };
+    let output = folder.path().join("out.glb");
+    let request = Request::new(input.clone(), output, options.settings().unwrap(), Preset::Preview);
     let outcome = bake::bake(&request, &Silent, Arc::new(Progress::default())).unwrap();
     let load = |path: &PathBuf| scene::load(path, &scene::Settings::default()).unwrap().output;
     Baked { path: request.output.clone(), source: load(&input), scene: load(&request.output), outcome, folder }
