@@ -11,7 +11,7 @@ use texelwalk::bake::{self, Observer, Request};
 use texelwalk::check::{self, Baked};
 use texelwalk::cli;
 use texelwalk::output::formats::Format;
-use texelwalk::output::{atomic, exr, png};
+use texelwalk::output::{File, atomic, exr, png};
 use texelwalk::render::{Lightmaps, View};
 use texelwalk::scene;
 use texelwalk::settings::{Options, Preset, Target};
@@ -174,7 +174,7 @@ pub(crate) fn render(typed: &cli::Render, interrupt: &Interrupt) -> Outcome {
     };
     let bytes = bytes.map_err(|e| (output_exit(&e), e.to_string()))?;
     let inputs = &scene.document.files_read;
-    commit(&[(typed.output.clone(), bytes)], inputs, interrupt)?;
+    commit(&[(typed.output.clone(), bytes.into())], inputs, interrupt)?;
     let scale = if settings.linear { "cd/m²".into() } else { format!("exposure {:+.2} stops", picture.exposure) };
     show::wrote(&format!("{} ({}, {scale})", typed.output.display(), picture.camera));
     Ok(Exit::Ok)
@@ -197,7 +197,7 @@ pub(crate) fn check(typed: &cli::Check, interrupt: &Interrupt) -> Outcome {
     let on_stdout = typed.json.as_deref() == Some(Path::new("-"));
     let text = if on_stdout { report.to_json() } else { report.to_text() };
     if let Some(path) = typed.json.as_ref().filter(|_| !on_stdout) {
-        files.push((path.clone(), report.to_json().into_bytes()));
+        files.push((path.clone(), report.to_json().into_bytes().into()));
     }
     commit(&files, &baked.scene.document.files_read, interrupt)?;
     show::data(text.as_bytes())?;
@@ -213,7 +213,7 @@ fn is_exr(path: &Path) -> bool {
 }
 
 /// Puts the files of a command in place, unless somebody asks to stop before.
-fn commit(files: &[(PathBuf, Vec<u8>)], inputs: &[PathBuf], interrupt: &Interrupt) -> Result<(), (Exit, String)> {
+fn commit(files: &[File], inputs: &[PathBuf], interrupt: &Interrupt) -> Result<(), (Exit, String)> {
     let progress = interrupt.hold();
     let done = atomic::commit(files, inputs, placer().as_deref(), &|| progress.interrupted());
     done.map_err(|e| (output_exit(&e), e.to_string()))

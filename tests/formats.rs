@@ -179,7 +179,7 @@ fn others_decode_the_extremes() {
         plan.name(&mut pages, false);
         let attributes = BTreeMap::from([("texelwalk.quantity".to_owned(), "radiosity".to_owned())]);
         let files = plan.encode(&pages[0].exr, &lightmap.pages[0], &attributes).unwrap();
-        files.iter().for_each(|(path, bytes)| fs::write(path, bytes).unwrap());
+        files.iter().for_each(|(path, bytes)| fs::write(path, bytes.to_vec()).unwrap());
         let entries: Vec<Value> = pages[0].files.iter().map(entry).collect();
         let listed =
             json!({"scenes": [{"extras": {"lightmap": {"pages": [{"uri": entries[0]["uri"], "files": entries}]}}}]});

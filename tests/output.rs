@@ -35,7 +35,7 @@ fn bake(input: &Input, atlas: &Atlas, name: &str) -> (Output, Vec<&'static str>)
     };
     let written = write_gltf(&input.scene, atlas, &pages, &settings).unwrap();
     let mut files = written.output;
-    files.splice(0..0, pages.iter().map(|p| (p.png.clone(), PNG.to_vec())));
+    files.splice(0..0, pages.iter().map(|p| (p.png.clone(), PNG.to_vec().into())));
     commit(&files, std::slice::from_ref(&input.scene.document.path), None, &|| false).unwrap();
     if let Some(keep) = std::env::var_os("TEXELWALK_TEST_OUTPUT") {
         let target = Path::new(&keep).join(std::thread::current().name().unwrap().replace(':', "_"));

@@ -13,6 +13,7 @@ use std::sync::Arc;
 use texelwalk::bake::{self, Observer, Request};
 use texelwalk::base::Progress;
 use texelwalk::output;
+use texelwalk::output::File;
 use texelwalk::output::atomic::commit;
 use texelwalk::settings::{Options, Preset};
 
@@ -188,7 +189,7 @@ fn program(folder: &Path, name: &str, script: &str) -> PathBuf {
 }
 
 /// What a bake says from its first word to the mark, with these files in new folders [bytes].
-fn length(files: &[(PathBuf, Vec<u8>)]) -> usize {
+fn length(files: &[File]) -> usize {
     let temporary = ".texelwalk-.tmp".len() + 16;
     let one = |path: &PathBuf| {
         let (path, folder) = (path.as_os_str().len(), path.parent().unwrap().as_os_str().len());
@@ -213,7 +214,7 @@ fn files_are_placed_whatever_becomes_of_the_second_process() {
     ];
     for (name, script) in cases {
         let out = tools.path().join(format!("{name}-out"));
-        let files = [(out.join("a.bin"), vec![1; 10]), (out.join("b/b.bin"), vec![2; 10])];
+        let files = [(out.join("a.bin"), vec![1; 10].into()), (out.join("b/b.bin"), vec![2; 10].into())];
         let settings = format!("OUT={}; ALL={};", out.display(), length(&files));
         let program = match (name, script) {
             ("none", _) => None,
@@ -223,7 +224,7 @@ fn files_are_placed_whatever_becomes_of_the_second_process() {
         };
         commit(&files, &[], program.as_deref(), &|| false).unwrap_or_else(|e| panic!("{name}: {e}"));
         for (path, bytes) in &files {
-            assert!(fs::read(path).unwrap() == *bytes, "{name}");
+            assert!(fs::read(path).unwrap() == bytes.to_vec(), "{name}");
         }
         assert_eq!((names(&out).len(), names(&out.join("b")).len()), (2, 1), "{name}");
     }
@@ -234,7 +235,7 @@ fn faults_are_the_same_with_and_without_a_second_process() {
     let said = |program: Option<&Path>, patience: u32| {
         let root = tempfile::tempdir().unwrap();
         fs::write(root.path().join("file"), "x").unwrap();
-        let files = [(root.path().join("n/a.bin"), vec![1]), (root.path().join("file/b.bin"), vec![2])];
+        let files = [(root.path().join("n/a.bin"), vec![1].into()), (root.path().join("file/b.bin"), vec![2].into())];
         let files = if patience > 0 { &files[..1] } else { &files[..] };
         let asked = std::cell::Cell::new(0);
         let cancelled = || asked.replace(asked.get() + 1) + 1 == patience;

@@ -247,8 +247,9 @@ fn a_document_on_disk_with_its_pages() {
             let value = |i: u32| 0.3 + 0.7 * ((i % width) as f32 / width as f32);
             let pixels = (0..width * height).map(|i| [value(i), value(i), value(i), 1.0]).collect();
             let content = Page { width, height, pixels };
-            written.push((page.exr.clone(), output::exr::lightmap(&page.exr, &content, &Default::default()).unwrap()));
-            written.push((page.png.clone(), output::png::preview(&page.png, &content).unwrap()));
+            let exr = output::exr::lightmap(&page.exr, &content, &Default::default()).unwrap();
+            written.push((page.exr.clone(), exr.into()));
+            written.push((page.png.clone(), output::png::preview(&page.png, &content).unwrap().into()));
         }
         output::atomic::commit(&written, &[path], None, &|| false).unwrap();
         let baked = scene::load(&output, &scene::Settings::default()).unwrap().output;

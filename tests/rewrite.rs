@@ -64,7 +64,7 @@ fn a_baked_fixture_loads_as_the_same_scene() {
                 quantize_uv: false,
             };
             for (file, bytes) in write_gltf(&before, &atlas, &pages, &settings).unwrap().output {
-                std::fs::write(file, bytes).unwrap();
+                std::fs::write(file, bytes.to_vec()).unwrap();
             }
             let mut image = Vec::new();
             image.extend_from_slice(&texelwalk::output::png::picture(&output, [1, 1], &[[1.0; 3]]).unwrap());

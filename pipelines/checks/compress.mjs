@@ -17,6 +17,7 @@ const { ALL_EXTENSIONS } = await load('@gltf-transform/extensions');
 const functions = await load('@gltf-transform/functions');
 const { MeshoptDecoder, MeshoptEncoder } = await load('meshoptimizer');
 const draco3d = require('draco3dgltf');
+const sharp = require('sharp');
 
 const STEPS = {
   draco: [functions.draco()],
@@ -25,6 +26,8 @@ const STEPS = {
   quantize: [functions.quantize()],
   weld: [functions.weld()],
   join: [functions.flatten(), functions.join()],
+  instance: [functions.dedup(), functions.instance({ min: 2 })],
+  webp: [functions.textureCompress({ encoder: sharp, targetFormat: 'webp' })],
 };
 
 async function io() {
@@ -65,10 +68,33 @@ function triangles(node, wanted) {
   return lines.sort();
 }
 
+// Places of a node's mesh.
+function copies(node) {
+  const instances = node.getExtension('EXT_mesh_gpu_instancing');
+  return instances ? instances.getAttribute(instances.listSemantics()[0]).getCount() : 1;
+}
+
+// Where instances became nodes, which node is whose is not asked: all triangles of all of them are the same.
+function sameWithCopies(input, old, fresh) {
+  const primitives = old.flatMap((node) => node.getMesh().listPrimitives());
+  const names = new Set(primitives.flatMap((p) => p.listSemantics()));
+  names.delete('TEXCOORD_1'); // That of the lightmap.
+  const wanted = () => [...names].sort();
+  const all = (nodes) => nodes.flatMap((node) => Array(copies(node)).fill(triangles(node, wanted)).flat()).sort();
+  const [before, after] = [all(old), all(fresh)];
+  const at = before.findIndex((line, k) => line !== after[k]);
+  if (at >= 0 || before.length !== after.length) {
+    return `${before.length} and ${after.length} triangles; ${before[at]} became ${after[at]}`;
+  }
+  console.log(`${path.basename(input)}: ${3 * before.length} corners of all copies are the same`);
+  return before.length ? null : 'nothing was compared';
+}
+
 async function same(input, baked) {
   const [a, b] = [await (await io()).read(input), await (await io()).read(baked)];
   const nodes = (document) => document.getRoot().listNodes().filter((n) => n.getMesh());
   const [old, fresh] = [nodes(a), nodes(b)];
+  if (old.some((node) => copies(node) > 1)) return sameWithCopies(input, old, fresh);
   if (old.length !== fresh.length) return `${old.length} nodes with meshes became ${fresh.length}`;
   let corners = 0;
   for (const [i, node] of old.entries()) {

@@ -31,8 +31,10 @@ GLTFPACK = {
     "gltfpack -cc, KHR": ["-cc", "-ce", "khr", *KEEP],
     "gltfpack -cf": ["-c", "-cf", *KEEP],
     "gltfpack -noq": ["-noq", *KEEP],
+    # Kept nodes would have no instances.
+    "gltfpack -mi": ["-mi", "-km", "-ke"],
 }
-TRANSFORM = ["draco", "draco-sequential", "meshopt", "quantize", "weld", "join"]
+TRANSFORM = ["draco", "draco-sequential", "meshopt", "quantize", "weld", "join", "instance", "webp"]
 HOWS = [*GLTFPACK, *TRANSFORM]
 # glTF-Transform does not know the younger name of the same extension; then only validity and light are compared.
 UNREADABLE = {"gltfpack -cc, KHR"}

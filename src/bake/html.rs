@@ -3,11 +3,12 @@
 use super::write::{Facts, Results};
 use super::{Error, stored};
 use crate::html::{self, Change, Pictures, Subject};
+use crate::output::File;
 use crate::output::report::Report;
 use crate::settings::{Options, Settings};
 use crate::trace::Tracer;
 use serde_json::{Map, Value};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 impl Facts<'_> {
     /// The pictures of the HTML report, if it is wanted.
@@ -31,7 +32,7 @@ impl Facts<'_> {
     }
 
     /// The HTML report; `files` are those it tells of.
-    pub(super) fn html(&self, pictures: &Pictures, report: &Report, files: &[(PathBuf, Vec<u8>)]) -> Vec<u8> {
+    pub(super) fn html(&self, pictures: &Pictures, report: &Report, files: &[File]) -> Vec<u8> {
         let request = self.request;
         let preset = Options::preset(request.preset).and_then(|options| options.settings()).ok();
         let changes = preset.map_or(vec![], |preset| changes(&request.settings, &preset));

@@ -6,7 +6,7 @@ use crate::atlas::Atlas;
 use crate::base::Warning;
 use crate::finish::Lightmap;
 use crate::output::directional::Texture;
-use crate::output::{atomic, depfile, exr, formats, gltf, names, png, report, usd};
+use crate::output::{Files, atomic, depfile, exr, formats, gltf, names, png, report, usd};
 use crate::patches::Patches;
 use crate::scene::Scene;
 use crate::seams::Steps;
@@ -45,8 +45,6 @@ pub(super) struct Results {
     pub(super) noise: Vec<f32>,
 }
 
-type File = (PathBuf, Vec<u8>);
-
 impl Facts<'_> {
     pub(super) fn write(
         &self,
@@ -67,13 +65,13 @@ impl Facts<'_> {
         let report = self.report(solution, &results, clock, [&outputs, &inputs], warnings);
         if let Some((path, pictures)) = request.html.clone().zip(pictures) {
             let html = self.html(&pictures, &report, &files);
-            files.push((path, html));
+            files.push((path, html.into()));
         }
         if let Some(path) = &request.report {
-            files.push((path.clone(), report.to_json(path)?));
+            files.push((path.clone(), report.to_json(path)?.into()));
         }
         if let Some(path) = &request.depfile {
-            files.push((path.clone(), depfile::depfile(&outputs, &inputs)?.into_bytes()));
+            files.push((path.clone(), depfile::depfile(&outputs, &inputs)?.into_bytes().into()));
         }
         let progress = std::sync::Arc::clone(&clock.progress);
         clock.lasting("write", |_| {
@@ -84,14 +82,14 @@ impl Facts<'_> {
     }
 
     /// What is baked, then the document that refers to it.
-    pub(super) fn encode(&self, results: &Results) -> Result<(Vec<File>, Vec<Warning>), Error> {
+    pub(super) fn encode(&self, results: &Results) -> Result<(Files, Vec<Warning>), Error> {
         match &results.vertices {
             None => self.encode_pages(results),
             Some(light) => self.encode_vertices(light),
         }
     }
 
-    fn encode_vertices(&self, light: &VertexLight) -> Result<(Vec<File>, Vec<Warning>), Error> {
+    fn encode_vertices(&self, light: &VertexLight) -> Result<(Files, Vec<Warning>), Error> {
         let settings = &self.request.settings;
         let document = names::document_path(&self.request.input, &self.request.output);
         let wanted = settings.vertex_attribute.unwrap_or(VertexAttribute::Lightmap);
@@ -120,7 +118,7 @@ impl Facts<'_> {
     }
 
     /// Pages, previews, what else lies beside them, then the document.
-    fn encode_pages(&self, results: &Results) -> Result<(Vec<File>, Vec<Warning>), Error> {
+    fn encode_pages(&self, results: &Results) -> Result<(Files, Vec<Warning>), Error> {
         let settings = &self.request.settings;
         let document = names::document_path(&self.request.input, &self.request.output);
         let plan = formats::Plan::new(&settings.format, settings.mips, &results.lightmap);
@@ -130,10 +128,10 @@ impl Facts<'_> {
             page.directional = results.directional.iter().map(|(t, _)| (*t, t.path(&page.exr))).collect();
         }
         let attributes = attributes(settings);
-        let mut files: Vec<File> = vec![];
+        let mut files: Files = vec![];
         for (page, name) in results.lightmap.pages.iter().zip(&names) {
             files.extend(plan.encode(&name.exr, page, &attributes)?);
-            files.push((name.png.clone(), png::preview(&name.png, page)?));
+            files.push((name.png.clone(), png::preview(&name.png, page)?.into()));
         }
         files.extend(directional(results, &names, &attributes)?);
         for (paths, (name, map)) in self.group_paths(results).into_iter().zip(&results.groups) {
@@ -147,7 +145,7 @@ impl Facts<'_> {
             if !layers.is_empty() {
                 let path = names::aov_file(&document, k);
                 let bytes = exr::aovs(&path, [page.width, page.height], layers.clone(), &attributes)?;
-                files.push((path, bytes));
+                files.push((path, bytes.into()));
             }
         }
         files.extend(self.encode_usd(usd::Light::Pages(self.atlas, &names))?);
@@ -161,7 +159,7 @@ impl Facts<'_> {
     }
 
     /// The USD layers, if they are asked for.
-    fn encode_usd(&self, light: usd::Light<'_>) -> Result<Vec<File>, Error> {
+    fn encode_usd(&self, light: usd::Light<'_>) -> Result<Files, Error> {
         let Some(output) = self.request.usd.clone() else { return Ok(vec![]) };
         let settings = &self.request.settings;
         let how = usd::Settings { quantity: quantity(settings.quantity), output, generator: GENERATOR.to_owned() };
@@ -261,17 +259,13 @@ impl Facts<'_> {
 }
 
 /// The textures of light by normal, page by page.
-fn directional(
-    results: &Results,
-    names: &[names::PageFiles],
-    attributes: &exr::Attributes,
-) -> Result<Vec<File>, Error> {
+fn directional(results: &Results, names: &[names::PageFiles], attributes: &exr::Attributes) -> Result<Files, Error> {
     let mut files = vec![];
     for (k, page) in names.iter().enumerate() {
         for ((texture, path), (_, map)) in page.directional.iter().zip(&results.directional) {
             let mut attributes = attributes.clone();
             attributes.insert("texelwalk.directional".to_owned(), texture.name().to_owned());
-            files.push((path.clone(), exr::lightmap(path, &map.pages[k], &attributes)?));
+            files.push((path.clone(), exr::lightmap(path, &map.pages[k], &attributes)?.into()));
         }
     }
     Ok(files)

@@ -11,12 +11,12 @@
 use super::Baked;
 use super::Report;
 use super::measure::{Kind, Place};
-use crate::output::{Error, png};
+use crate::output::{Error, Files, png};
 use crate::render::{self, Overlay, Toward, View};
 use crate::trace::{Ray, Tracer};
 use core::f32::consts::TAU;
 use glam::{Vec2, Vec3};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Width and height of one half [px].
 const SIZE: [u32; 2] = [560, 480];
@@ -50,7 +50,7 @@ const MARK: [f32; 3] = [1.0, 0.0, 0.55];
 ///
 /// # Errors
 /// If a picture cannot be encoded.
-pub fn take(baked: &Baked, report: &Report, folder: &Path) -> Result<Vec<(PathBuf, Vec<u8>)>, Error> {
+pub fn take(baked: &Baked, report: &Report, folder: &Path) -> Result<Files, Error> {
     let mut files = vec![];
     let tracer = Tracer::of_all(&baked.scene);
     for measure in report.measures.iter().filter(|m| m.fault) {
@@ -58,7 +58,7 @@ pub fn take(baked: &Baked, report: &Report, folder: &Path) -> Result<Vec<(PathBu
             let path = folder.join(format!("{}-{}.png", measure.name, k + 1));
             let pixels = picture(baked, &tracer, measure.kind, place);
             let bytes = png::picture(&path, [2 * SIZE[0] + GAP, SIZE[1]], &pixels)?;
-            files.push((path, bytes));
+            files.push((path, bytes.into()));
         }
     }
     Ok(files)

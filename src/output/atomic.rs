@@ -10,7 +10,9 @@
 //!
 //! A file that was read is never replaced, under whatever name (links, hard links, `..`) it is reached.
 
+use super::Contents;
 use super::Error;
+use super::File as Output;
 use super::journal::Identity;
 use super::journal::Journal;
 use super::journal::MARKS;
@@ -39,7 +41,7 @@ const RANDOM_LETTERS: usize = 16;
 /// # Errors
 /// If an output is an input, a folder, or named twice; if the file system fails; if `cancelled` says so.
 pub fn commit(
-    files: &[(PathBuf, Vec<u8>)],
+    files: &[Output],
     inputs: &[PathBuf],
     placer: Option<&Path>,
     cancelled: &dyn Fn() -> bool,
@@ -61,7 +63,7 @@ pub fn commit(
     hands.finish()
 }
 
-fn check_targets(files: &[(PathBuf, Vec<u8>)], inputs: &[PathBuf]) -> Result<(), Error> {
+fn check_targets(files: &[Output], inputs: &[PathBuf]) -> Result<(), Error> {
     for (i, (path, _)) in files.iter().enumerate() {
         if path.file_name().is_none() || path.is_dir() {
             return Err(Error::invalid(path, "is a folder; name a file"));
@@ -144,13 +146,15 @@ impl Hands {
         Ok(())
     }
 
-    fn write(&mut self, path: &Path, contents: &[u8], cancelled: &dyn Fn() -> bool) -> Result<(), Error> {
+    fn write(&mut self, path: &Path, contents: &Contents, cancelled: &dyn Fn() -> bool) -> Result<(), Error> {
         let mut file = self.create_temporary(path).map_err(|e| Error::io(path, "create a file in its folder", e))?;
-        for piece in contents.chunks(PIECE) {
-            if cancelled() {
-                return Err(Error::Interrupted);
+        for piece in contents.pieces() {
+            for part in piece.chunks(PIECE) {
+                if cancelled() {
+                    return Err(Error::Interrupted);
+                }
+                file.write_all(part).map_err(|e| Error::io(path, "write", e))?;
             }
-            file.write_all(piece).map_err(|e| Error::io(path, "write", e))?;
         }
         file.flush().map_err(|e| Error::io(path, "write", e))?;
         file.sync_all().map_err(|e| Error::io(path, "write to the disk", e))?;
@@ -227,7 +231,7 @@ mod tests {
         let root = tempfile::tempdir().unwrap();
         let (a, b) = (root.path().join("x/y/a.bin"), root.path().join("b.bin"));
         std::fs::write(&b, "old and longer").unwrap();
-        commit(&[(a.clone(), b"a".to_vec()), (b.clone(), Vec::new())], &[], None, &never).unwrap();
+        commit(&[(a.clone(), b"a".to_vec().into()), (b.clone(), Contents::default())], &[], None, &never).unwrap();
         assert_eq!((std::fs::read(&a).unwrap(), std::fs::read(&b).unwrap()), (b"a".to_vec(), Vec::new()));
         assert_eq!(names(root.path()), ["b.bin", "x"]);
     }
@@ -238,7 +242,7 @@ mod tests {
         use std::os::unix::fs::PermissionsExt;
         let root = tempfile::tempdir().unwrap();
         let (ours, plain) = (root.path().join("a"), root.path().join("b"));
-        commit(&[(ours.clone(), vec![1])], &[], None, &never).unwrap();
+        commit(&[(ours.clone(), vec![1].into())], &[], None, &never).unwrap();
         std::fs::write(&plain, "x").unwrap();
         assert_eq!(ours.metadata().unwrap().permissions().mode(), plain.metadata().unwrap().permissions().mode());
     }
@@ -247,13 +251,13 @@ mod tests {
     fn a_failure_leaves_nothing() {
         let root = tempfile::tempdir().unwrap();
         std::fs::write(root.path().join("file"), "x").unwrap();
-        let good = (root.path().join("new/deep/a.bin"), vec![1]);
-        let below_a_file = (root.path().join("file/b.bin"), vec![2]);
+        let good = (root.path().join("new/deep/a.bin"), vec![1].into());
+        let below_a_file = (root.path().join("file/b.bin"), vec![2].into());
         assert!(matches!(commit(&[good.clone(), below_a_file], &[], None, &never), Err(Error::Io { .. })));
         assert_eq!(names(root.path()), ["file"]);
 
         std::fs::create_dir(root.path().join("folder")).unwrap();
-        let a_folder = (root.path().join("folder"), vec![2]);
+        let a_folder = (root.path().join("folder"), vec![2].into());
         assert!(matches!(commit(&[good.clone(), a_folder], &[], None, &never), Err(Error::Invalid { .. })));
         assert!(matches!(commit(&[good.clone(), good], &[], None, &never), Err(Error::Invalid { .. })));
         assert_eq!(names(root.path()), ["file", "folder"]);
@@ -264,7 +268,7 @@ mod tests {
         let root = tempfile::tempdir().unwrap();
         let old = root.path().join("old.bin");
         std::fs::write(&old, "old").unwrap();
-        let files = [(root.path().join("n/a.bin"), vec![0; 3 * PIECE]), (old.clone(), vec![1; 10])];
+        let files = [(root.path().join("n/a.bin"), vec![0; 3 * PIECE].into()), (old.clone(), vec![1; 10].into())];
         for patience in 0..5 {
             let asked = Cell::new(0);
             let cancelled = || asked.replace(asked.get() + 1) >= patience;
@@ -293,7 +297,7 @@ mod tests {
         #[cfg(unix)]
         aliases.push(root.path().join("hard.gltf"));
         for alias in aliases {
-            let files = [(root.path().join("other.bin"), vec![1]), (alias.clone(), vec![2])];
+            let files = [(root.path().join("other.bin"), vec![1].into()), (alias.clone(), vec![2].into())];
             let error = commit(&files, std::slice::from_ref(&input), None, &never).unwrap_err();
             assert!(error.to_string().contains("would overwrite the input"), "{}: {error}", alias.display());
             assert_eq!(std::fs::read(&input).unwrap(), b"input");

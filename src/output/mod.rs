@@ -6,9 +6,10 @@
 //! them only where there is more than the plain EXR.
 //!
 //! Nothing here writes to a file but [`atomic::commit`], which puts a whole set of files in place at once. The other
-//! functions return bytes, and the same bytes on every run and at any thread count.
+//! functions return bytes, or [`Contents`] that make them in time, and the same bytes on every run and at any thread count.
 
 pub mod atomic;
+mod contents;
 pub mod depfile;
 pub mod directional;
 pub mod exr;
@@ -24,6 +25,9 @@ pub mod report;
 pub mod usd;
 
 pub use crate::base::splice;
+pub use contents::Contents;
+pub use contents::File;
+pub use contents::Files;
 
 use std::path::Path;
 use std::path::PathBuf;

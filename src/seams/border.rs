@@ -1,10 +1,15 @@
 //! Edges of charts: where a triangle ends on its page.
 //!
-//! In: scene and atlas. Out: [`Edge`]s, with points on them and just inside them. An edge that two triangles of a chart
-//! share has the same two corners on the page for both; every other one is a border, also one where a chart was slit.
+//! In: scene and atlas. Out: [`Borders`], asked for [`Edge`]s, with points on them and just inside them. An edge that two
+//! triangles of a chart share has the same two corners on the page for both; every other one is a border, also one where a
+//! chart was slit.
 //!
 //! Invariant: in the order of parts and triangles, whatever the number of threads.
+//!
+//! Memory: grows with the layouts that parts share, not with the parts. Edges are made when they are asked for.
 
+use super::asked;
+use super::asked::Asked;
 use crate::atlas::Atlas;
 use crate::atlas::Layout;
 use crate::atlas::NO_CHART;
@@ -25,7 +30,7 @@ const MOST_INSET: f32 = 1.0 / 3.0;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Edge {
     /// Triangle of the scene, by its id.
-    pub(super) triangle: u32,
+    triangle: u32,
     /// Corners of the triangle: from, to, and the one opposite.
     corner: [u8; 3],
     /// Page that it lies on.
@@ -51,34 +56,94 @@ pub(super) struct Place {
     pub(super) normal: Vec3,
 }
 
-/// Borders of all charts.
-pub(super) fn edges(scene: &Scene, atlas: &Atlas, patches: &Patches) -> Vec<Edge> {
-    let (layouts, layout_of) = atlas.layouts();
-    let sides = parallel::map(layouts.len(), |i| border_sides(layouts[i]));
-    let of_part = |p: usize| -> Vec<Edge> {
-        let (part, charted) = (&scene.parts[p], &atlas.parts[p]);
-        let edge = |&(k, side): &(u32, u8)| {
-            let chart = charted.chart(k as usize);
-            let corner = [side, (side + 1) % 3, (side + 2) % 3];
-            let triangle = part.triangles.start + k;
-            let corners = scene.corners(triangle).map(|c| c.as_dvec3());
-            let vertices = charted.layout.triangles[k as usize];
-            Edge {
-                triangle,
-                corner,
-                page: atlas.charts[chart as usize].page,
-                turned: patches.is_turned_chart(chart),
-                uv: corner.map(|c| charted.uv(vertices[c as usize])),
-                ends: [corners[corner[0] as usize], corners[corner[1] as usize]],
-            }
-        };
-        sides[layout_of[p] as usize].iter().map(edge).collect()
-    };
-    parallel::map(scene.parts.len(), of_part).into_iter().flatten().collect()
+/// Borders of all charts, by what parts share.
+pub(super) struct Borders<'a> {
+    pub(super) scene: &'a Scene,
+    atlas: &'a Atlas,
+    patches: &'a Patches,
+    /// The layout of each part.
+    layout_of: Vec<u32>,
+    /// Of each layout: a bit for each side of each triangle beyond which its chart does not go on.
+    sides: Vec<Vec<u8>>,
+    /// Of each layout: where its borders are asked.
+    asked: Vec<Vec<Asked>>,
+    /// Number of places that are asked in the parts before each, and in all.
+    before: Vec<usize>,
+    /// Median edge length of the texels along borders, parts with one layout counted once [m].
+    pub(super) texel: f64,
 }
 
-/// Sides of triangles (triangle, first corner) that have a length and that no other triangle of their chart has.
-fn border_sides(layout: &Layout) -> Vec<(u32, u8)> {
+impl<'a> Borders<'a> {
+    pub(super) fn new(scene: &'a Scene, atlas: &'a Atlas, patches: &'a Patches) -> Self {
+        let (layouts, layout_of) = atlas.layouts();
+        let sides: Vec<Vec<u8>> = parallel::map(layouts.len(), |i| border_sides(layouts[i]));
+        let asked: Vec<Vec<Asked>> = parallel::map(layouts.len(), |i| asked::along(layouts[i], &sides[i]));
+        let mut before = vec![0];
+        before.extend(layout_of.iter().scan(0, |sum, layout| {
+            *sum += asked[*layout as usize].len();
+            Some(*sum)
+        }));
+        let mut borders = Self { scene, atlas, patches, layout_of, sides, asked, before, texel: 1.0 };
+        borders.texel = borders.median_texel();
+        borders
+    }
+
+    /// Number of places that are asked.
+    pub(super) fn len(&self) -> usize {
+        self.before.last().copied().unwrap_or(0)
+    }
+
+    /// One of them, with its edge.
+    pub(super) fn asked(&self, number: usize) -> (Edge, Asked) {
+        let part = self.before.partition_point(|before| *before <= number) - 1;
+        let asked = self.asked[self.layout_of[part] as usize][number - self.before[part]];
+        (self.edge(part, asked.triangle, asked.side), asked)
+    }
+
+    /// The sides of a triangle of the scene that lie on borders.
+    pub(super) fn edges_of(&self, triangle: u32) -> impl Iterator<Item = Edge> + '_ {
+        let part = self.scene.part_index(triangle);
+        let k = triangle - self.scene.parts[part].triangles.start;
+        let sides = self.sides[self.layout_of[part] as usize].get(k as usize).copied().unwrap_or(0);
+        (0..3).filter(move |side| sides >> side & 1 == 1).map(move |side| self.edge(part, k, side))
+    }
+
+    /// A side of a part's triangle.
+    fn edge(&self, part: usize, k: u32, side: u8) -> Edge {
+        let charted = &self.atlas.parts[part];
+        let chart = charted.chart(k as usize);
+        let corner = [side, (side + 1) % 3, (side + 2) % 3];
+        let triangle = self.scene.parts[part].triangles.start + k;
+        let corners = self.scene.corners(triangle).map(|c| c.as_dvec3());
+        let vertices = charted.layout.triangles[k as usize];
+        Edge {
+            triangle,
+            corner,
+            page: self.atlas.charts[chart as usize].page,
+            turned: self.patches.is_turned_chart(chart),
+            uv: corner.map(|c| charted.uv(vertices[c as usize])),
+            ends: [corners[corner[0] as usize], corners[corner[1] as usize]],
+        }
+    }
+
+    fn median_texel(&self) -> f64 {
+        let mut part_of = vec![None; self.sides.len()];
+        for (part, layout) in self.layout_of.iter().enumerate() {
+            part_of[*layout as usize].get_or_insert(part);
+        }
+        let texels = |part: usize| -> Vec<f64> {
+            let edges = self.scene.parts[part].triangles.clone().flat_map(|t| self.edges_of(t));
+            edges.map(|e| e.texel()).collect()
+        };
+        let parts: Vec<usize> = part_of.into_iter().flatten().collect();
+        let mut all: Vec<f64> = parallel::map(parts.len(), |i| texels(parts[i])).into_iter().flatten().collect();
+        let middle = all.len() / 2;
+        if all.is_empty() { 1.0 } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 }
+    }
+}
+
+/// For each triangle a bit for each of its sides that has a length and that no other triangle of its chart has.
+fn border_sides(layout: &Layout) -> Vec<u8> {
     let mut all: Vec<(u32, [[u32; 2]; 2], u32, u8)> = vec![];
     for ((k, vertices), &chart) in (0u32..).zip(&layout.triangles).zip(&layout.chart) {
         if chart == NO_CHART {
@@ -96,12 +161,17 @@ fn border_sides(layout: &Layout) -> Vec<(u32, u8)> {
         let [a, b] = [a, b].map(|p| Vec2::from_array(p.map(f32::from_bits)));
         a.distance(b) > 0.0
     };
-    let mut sides: Vec<(u32, u8)> = alone.map(|same| &same[0]).filter(has_length).map(|e| (e.2, e.3)).collect();
-    sides.sort_unstable();
+    let mut sides = vec![0; layout.triangles.len()];
+    alone.map(|same| &same[0]).filter(has_length).for_each(|e| sides[e.2 as usize] |= 1 << e.3);
     sides
 }
 
 impl Edge {
+    /// Its place among all sides of all triangles.
+    pub(super) fn id(&self) -> (u32, u8) {
+        (self.triangle, self.corner[0])
+    }
+
     /// Length on the page [texels].
     pub(super) fn length(&self) -> f32 {
         self.uv[0].distance(self.uv[1])

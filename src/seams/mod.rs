@@ -4,7 +4,7 @@
 //! changed, and how large the steps are.
 //!
 //! A seam is where borders of two charts, or one border twice, lie on the same place with the same normal: within a mesh,
-//! and between meshes that abut (`border`, `meet`). Along it, every half texel, the values on both sides should be one;
+//! and between meshes that abut (`border`, `meet`). Along it, every half texel (`asked`), the values on both sides should be one;
 //! texels change as little as that takes, those filled beyond the border most (`equations`).
 //!
 //! Source: M. Iwanicki, "Lighting Technology of The Last of Us", SIGGRAPH 2013 talks; others
@@ -17,6 +17,7 @@
 //! Limits: texels of both sides lie on different lattices, so a part of the step remains where light bends sharply
 //! along a seam. Hard edges (normals that differ by more than 10°) are no seams: light really jumps there.
 
+mod asked;
 mod border;
 mod equations;
 mod meet;
@@ -31,19 +32,15 @@ use crate::patches::HEIGHTS;
 use crate::patches::Patches;
 use crate::trace::Ray;
 use crate::trace::Tracer;
-use border::Edge;
+use border::Borders;
 use border::Place;
 use equations::Equations;
 use equations::Row;
 use equations::Taps;
 use equations::light;
 use glam::Vec3;
-use meet::Lattice;
+use meet::Meeting;
 
-/// Points per texel of an edge.
-const POINTS: f32 = 2.0;
-/// Most points of an edge.
-const MOST_POINTS: f32 = 1e6;
 /// Places on other edges that a point is joined with.
 const MOST_PARTNERS: usize = 4;
 /// Distance [texels] below which two places on a page are one: there, look-ups agree by themselves.
@@ -99,9 +96,12 @@ impl Seams {
     /// Finds the seams of an atlas.
     #[must_use]
     pub fn new(tracer: &Tracer<'_>, atlas: &Atlas, patches: &Patches, progress: &Progress) -> Self {
-        let edges = border::edges(tracer.scene(), atlas, patches);
-        let lattice = Lattice::new(&edges);
-        let found = parallel::map_watched(edges.len(), progress, |e| rows(tracer, patches, &edges, &lattice, e));
+        let scene = tracer.scene();
+        let borders = Borders::new(scene, atlas, patches);
+        let unseen = scene.parts.iter().any(|part| part.receives && !part.treatment.casts);
+        let all = unseen.then(|| Tracer::of_all(scene));
+        let meeting = Meeting::new(&borders, all.as_ref().unwrap_or(tracer));
+        let found = parallel::map_watched(borders.len(), progress, |n| rows(tracer, patches, &borders, &meeting, n));
         let (place, rows) = found.into_iter().flatten().unzip();
         Self { rows, place }
     }
@@ -139,27 +139,31 @@ fn fits(patches: &Patches, lightmap: &Lightmap) -> bool {
 }
 
 /// What is asked along one edge, and where.
-fn rows(tracer: &Tracer<'_>, patches: &Patches, edges: &[Edge], lattice: &Lattice<'_>, e: usize) -> Vec<(Vec3, Row)> {
-    let (scene, edge) = (tracer.scene(), &edges[e]);
-    let count = (POINTS * edge.length()).ceil().clamp(1.0, MOST_POINTS);
-    let length = edge.length() / count;
+fn rows(
+    tracer: &Tracer<'_>,
+    patches: &Patches,
+    borders: &Borders<'_>,
+    meeting: &Meeting<'_>,
+    number: usize,
+) -> Vec<(Vec3, Row)> {
+    let scene = tracer.scene();
+    let (edge, asked) = borders.asked(number);
     let taps = |place: &Place| Taps::new(patches.page_size, place.page, place.uv);
     let mut out = vec![];
-    for k in 0..count as u32 {
-        let t = (k as f32 + 0.5) / count;
-        let own = edge.at(scene, t);
-        let mut partners = lattice.through(e, edge.ends[0].lerp(edge.ends[1], f64::from(t))).peekable();
-        if partners.peek().is_none() {
+    for k in 0..asked.count {
+        let t = (k as f32 + 0.5) / asked.count as f32;
+        let partners = meeting.through(&edge, edge.ends[0].lerp(edge.ends[1], f64::from(t)));
+        if partners.is_empty() {
             continue;
         }
-        let inside = edge.inside(scene, t);
-        for (other, s) in partners.take(MOST_PARTNERS) {
-            let [there, there_inside] = [edges[other].at(scene, s), edges[other].inside(scene, s)];
+        let (own, inside) = (edge.at(scene, t), edge.inside(scene, t));
+        for (other, s) in partners.iter().take(MOST_PARTNERS) {
+            let [there, there_inside] = [other.at(scene, *s), other.inside(scene, *s)];
             let same = own.page == there.page && own.uv.distance(there.uv) < SAME;
-            let texel = edge.texel().min(edges[other].texel()) as f32;
+            let texel = edge.texel().min(other.texel()) as f32;
             let on = own.normal.dot(there.normal) >= COS_FACING;
             if !same && on && joined(tracer, patches, [&inside, &there_inside], texel) {
-                out.push((own.position, Row { sides: [taps(&own), taps(&there)], length }));
+                out.push((own.position, Row { sides: [taps(&own), taps(&there)], length: asked.length }));
             }
         }
     }

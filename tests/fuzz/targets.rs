@@ -237,7 +237,7 @@ fn rewrite(samples: &Samples, random: &mut Random) -> Outcome {
         return Outcome { bytes, accepted: false };
     };
     let (_, glb) = written.output.last().unwrap();
-    let again = scene::load_bytes(glb.clone(), &output, &scene::Settings::default());
+    let again = scene::load_bytes(glb.to_vec(), &output, &scene::Settings::default());
     let again = again.unwrap_or_else(|e| panic!("what was written does not load: {e}")).output;
     assert_eq!(again.triangles.len(), scene.triangles.len());
     Outcome { bytes, accepted: true }

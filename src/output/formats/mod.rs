@@ -34,6 +34,7 @@ pub mod mips;
 mod pack;
 
 use super::Error;
+use super::Files;
 use super::exr;
 use super::exr::Attributes;
 use super::exr::ImageF32;
@@ -197,15 +198,10 @@ impl Plan {
     ///
     /// # Errors
     /// If a value is not a number, or a file cannot be encoded.
-    pub fn encode(
-        &self,
-        page_exr: &Path,
-        page: &Page,
-        attributes: &Attributes,
-    ) -> Result<Vec<(PathBuf, Vec<u8>)>, Error> {
+    pub fn encode(&self, page_exr: &Path, page: &Page, attributes: &Attributes) -> Result<Files, Error> {
         let one = |&coding: &Coding| {
             let path = coding.format.path(page_exr);
-            encode(&path, page, coding, self.mips, attributes).map(|bytes| (path, bytes))
+            encode(&path, page, coding, self.mips, attributes).map(|bytes| (path, bytes.into()))
         };
         self.codings.iter().map(one).collect()
     }
@@ -308,7 +304,7 @@ mod tests {
         let files = plan.encode(&folder.path().join("a.lightmap0.exr"), &page(&values), &BTreeMap::new()).unwrap();
         assert_eq!(files.len(), Format::ALL.len());
         for ((path, bytes), &coding) in files.iter().zip(&plan.codings) {
-            std::fs::write(path, bytes).unwrap();
+            std::fs::write(path, bytes.to_vec()).unwrap();
             if coding.format == Format::Ktx2 {
                 assert!(read(path, coding).unwrap_err().to_string().contains("ktx2,exr"));
                 continue;

@@ -3,6 +3,8 @@
 //! Accessors of one kind share a buffer view: all lightmap coordinates, all indices of one width, and so on. Offsets
 //! and strides of vertex attributes are multiples of 4 (glTF 2.0, section 3.6.2.4: data alignment).
 
+use crate::atlas::ChartedPart;
+use crate::output::Contents;
 use crate::output::splice::Element;
 use crate::output::splice::quoted;
 use crate::scene::AccessorData;
@@ -15,6 +17,8 @@ const U32: u32 = 5125;
 const F32: u32 = 5126;
 /// `bufferView.target` of vertex attributes.
 const ARRAY_BUFFER: u32 = 34962;
+/// Vertices below which coordinates are kept rather than made when the file is written.
+const FEW: usize = 512;
 /// `bufferView.target` of indices.
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
@@ -31,12 +35,12 @@ struct View {
     target: u32,
     stride: usize,
     kind: &'static str,
-    bytes: Vec<u8>,
+    bytes: Contents,
 }
 
 /// All that was added, ready to be spliced.
 pub(super) struct Appended {
-    pub(super) bytes: Vec<u8>,
+    pub(super) bytes: Contents,
     pub(super) views: Vec<String>,
     pub(super) accessors: Vec<String>,
 }
@@ -48,10 +52,10 @@ impl Append {
     }
 
     /// Index of the view and offset of the next byte in it.
-    fn view(&mut self, target: u32, stride: usize, kind: &'static str) -> (usize, &mut Vec<u8>) {
+    fn view(&mut self, target: u32, stride: usize, kind: &'static str) -> (usize, &mut Contents) {
         let same = |v: &View| (v.target, v.stride, v.kind) == (target, stride, kind);
         let i = self.views.iter().position(same).unwrap_or_else(|| {
-            self.views.push(View { target, stride, kind, bytes: Vec::new() });
+            self.views.push(View { target, stride, kind, bytes: Contents::default() });
             self.views.len() - 1
         });
         (self.first_view + i, &mut self.views[i].bytes)
@@ -62,41 +66,34 @@ impl Append {
         self.first_accessor + self.accessors.len() - 1
     }
 
-    /// A VEC2 float attribute.
-    pub(super) fn uv(&mut self, uv: impl ExactSizeIterator<Item = [f32; 2]>) -> usize {
-        self.floats("lightmap coordinates", "VEC2", uv)
-    }
-
-    /// A VEC2 attribute of normalised 16-bit numbers, each the nearest to a value in [0, 1].
-    pub(super) fn short_uv(&mut self, uv: impl ExactSizeIterator<Item = [f32; 2]>) -> usize {
-        let count = uv.len();
-        let (view, bytes) = self.view(ARRAY_BUFFER, 4, "short lightmap coordinates");
-        let offset = bytes.len();
-        // In f64: 65535 · f32 does not fit into an f32.
-        let short = |v: f32| (f64::from(v).clamp(0.0, 1.0) * 65535.0).round() as u16;
-        uv.flatten().for_each(|v| bytes.extend_from_slice(&short(v).to_le_bytes()));
+    /// Lightmap coordinates of a part: a VEC2 attribute of floats or, if they are `short`, of normalised 16-bit numbers.
+    pub(super) fn lightmap_uv(&mut self, charted: &ChartedPart, page_size: [u32; 2], short: bool) -> usize {
+        let (kind, size, what) = match short {
+            true => (U16, 4, "short lightmap coordinates"),
+            false => (F32, 8, "lightmap coordinates"),
+        };
+        let (view, bytes) = self.view(ARRAY_BUFFER, size, what);
+        let (offset, count) = (bytes.len(), charted.layout.uv.len());
+        let normalized = if short { ", \"normalized\": true" } else { "" };
+        if count < FEW {
+            bytes.extend(&uv_bytes(charted, page_size, short));
+        } else {
+            let charted = charted.clone();
+            bytes.promise(count * size, move || uv_bytes(&charted, page_size, short));
+        }
         self.accessor(format!(
-            "{{\"bufferView\": {view}, \"byteOffset\": {offset}, \"componentType\": {U16}, \"normalized\": true, \"count\": {count}, \"type\": \"VEC2\"}}"
+            "{{\"bufferView\": {view}, \"byteOffset\": {offset}, \"componentType\": {kind}{normalized}, \"count\": {count}, \"type\": \"VEC2\"}}"
         ))
     }
 
     /// A VEC3 float attribute.
     pub(super) fn vectors(&mut self, vectors: impl ExactSizeIterator<Item = [f32; 3]>) -> usize {
-        self.floats("light", "VEC3", vectors)
-    }
-
-    fn floats<const N: usize>(
-        &mut self,
-        what: &'static str,
-        kind: &str,
-        elements: impl ExactSizeIterator<Item = [f32; N]>,
-    ) -> usize {
-        let count = elements.len();
-        let (view, bytes) = self.view(ARRAY_BUFFER, 4 * N, what);
+        let count = vectors.len();
+        let (view, bytes) = self.view(ARRAY_BUFFER, 12, "light");
         let offset = bytes.len();
-        elements.flatten().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
+        bytes.extend(&vectors.flatten().flat_map(f32::to_le_bytes).collect::<Vec<u8>>());
         self.accessor(format!(
-            "{{\"bufferView\": {view}, \"byteOffset\": {offset}, \"componentType\": {F32}, \"count\": {count}, \"type\": \"{kind}\"}}"
+            "{{\"bufferView\": {view}, \"byteOffset\": {offset}, \"componentType\": {F32}, \"count\": {count}, \"type\": \"VEC3\"}}"
         ))
     }
 
@@ -105,7 +102,7 @@ impl Append {
         let count = colors.len();
         let (view, bytes) = self.view(ARRAY_BUFFER, 8, "colors");
         let offset = bytes.len();
-        colors.flatten().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
+        bytes.extend(&colors.flatten().flat_map(u16::to_le_bytes).collect::<Vec<u8>>());
         self.accessor(format!(
             "{{\"bufferView\": {view}, \"byteOffset\": {offset}, \"componentType\": {U16}, \"normalized\": true, \"count\": {count}, \"type\": \"VEC4\"}}"
         ))
@@ -114,7 +111,7 @@ impl Append {
     /// A VEC2 float attribute of zeros; all of them share their bytes.
     pub(super) fn zero_uv(&mut self, count: usize) -> usize {
         let (view, bytes) = self.view(ARRAY_BUFFER, 8, "zeros");
-        bytes.resize(bytes.len().max(count * 8), 0);
+        bytes.pad(count * 8);
         self.accessor(format!(
             "{{\"bufferView\": {view}, \"componentType\": {F32}, \"count\": {count}, \"type\": \"VEC2\"}}"
         ))
@@ -126,9 +123,7 @@ impl Append {
         let size = if small { 2 } else { 4 };
         let (view, bytes) = self.view(ELEMENT_ARRAY_BUFFER, size, "indices");
         let offset = bytes.len();
-        for &i in indices {
-            bytes.extend_from_slice(&i.to_le_bytes()[..size]);
-        }
+        bytes.extend(&indices.iter().flat_map(|i| i.to_le_bytes().into_iter().take(size)).collect::<Vec<u8>>());
         let (kind, count) = (if small { U16 } else { U32 }, indices.len());
         self.accessor(format!(
             "{{\"bufferView\": {view}, \"byteOffset\": {offset}, \"componentType\": {kind}, \"count\": {count}, \"type\": \"SCALAR\"}}"
@@ -152,15 +147,17 @@ impl Append {
         let stride = (padded_column * columns).next_multiple_of(4);
         let (view, bytes) = self.view(ARRAY_BUFFER, stride, "attributes");
         let offset = bytes.len();
+        let mut elements = Vec::with_capacity(picked.len() * stride);
         for &i in picked {
-            let start = bytes.len();
+            let start = elements.len();
             let element = i as usize * data.components * size;
             for c in 0..columns {
-                bytes.extend_from_slice(&data.bytes[element + c * column..element + (c + 1) * column]);
-                bytes.resize(start + (c + 1) * padded_column, 0);
+                elements.extend_from_slice(&data.bytes[element + c * column..element + (c + 1) * column]);
+                elements.resize(start + (c + 1) * padded_column, 0);
             }
-            bytes.resize(start + stride, 0);
+            elements.resize(start + stride, 0);
         }
+        bytes.extend(&elements);
         let (component, count) = (data.component_type, picked.len());
         self.accessor(format!(
             "{{\"bufferView\": {view}, \"byteOffset\": {offset}, \"componentType\": {component}, \"count\": {count}, \"type\": \"{kind}\"{rest}}}"
@@ -188,7 +185,7 @@ impl Append {
 
     /// Everything, laid out from byte `base` of buffer `buffer` (`base` is a multiple of 4).
     pub(super) fn finish(self, buffer: usize, base: usize) -> Appended {
-        let mut out = Appended { bytes: Vec::new(), views: Vec::new(), accessors: self.accessors };
+        let mut out = Appended { bytes: Contents::default(), views: Vec::new(), accessors: self.accessors };
         for view in self.views {
             let (offset, length) = (base + out.bytes.len(), view.bytes.len());
             let stride =
@@ -197,11 +194,20 @@ impl Append {
                 "{{\"buffer\": {buffer}, \"byteOffset\": {offset}, \"byteLength\": {length}{stride}, \"target\": {}}}",
                 view.target
             ));
-            out.bytes.extend_from_slice(&view.bytes);
-            out.bytes.resize(out.bytes.len().next_multiple_of(4), 0);
+            out.bytes.append(view.bytes);
+            out.bytes.pad(out.bytes.len().next_multiple_of(4));
         }
         out
     }
+}
+
+/// Lightmap coordinates of a part in parts of its page, or each the nearest of 65,536 numbers in [0, 1].
+fn uv_bytes(charted: &ChartedPart, page_size: [u32; 2], short: bool) -> Vec<u8> {
+    let [width, height] = page_size.map(|n| n as f32);
+    let uv = charted.uvs().flat_map(|uv| [uv.x / width, uv.y / height]);
+    // In f64: 65535 · f32 does not fit into an f32.
+    let nearest = |v: f32| (f64::from(v).clamp(0.0, 1.0) * 65535.0).round() as u16;
+    if short { uv.flat_map(|v| nearest(v).to_le_bytes()).collect() } else { uv.flat_map(f32::to_le_bytes).collect() }
 }
 
 /// Bytes of a component.
@@ -249,6 +255,8 @@ pub(super) fn component(component_type: u32, bytes: &[u8]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::atlas::Layout;
+    use glam::Vec2;
 
     #[test]
     fn short_elements_and_matrix_columns_are_padded() {
@@ -260,7 +268,7 @@ mod tests {
         let matrices = AccessorData { count: 3, components: 9, component_type: 5121, normalized: false, bytes };
         assert_eq!(append.attribute(&matrices, "MAT3", &[2], ""), 6);
         let out = append.finish(1, 100);
-        assert_eq!(out.bytes, [3, 4, 5, 0, 0, 1, 2, 0, 18, 19, 20, 0, 21, 22, 23, 0, 24, 25, 26, 0]);
+        assert_eq!(out.bytes.to_vec(), [3, 4, 5, 0, 0, 1, 2, 0, 18, 19, 20, 0, 21, 22, 23, 0, 24, 25, 26, 0]);
         assert!(out.views[0].contains("\"byteOffset\": 100") && out.views[1].contains("\"byteOffset\": 108"));
         assert!(out.views[1].contains("\"byteStride\": 12"));
         assert!(out.accessors[0].contains("\"bufferView\": 3") && out.accessors[0].contains("\"normalized\": true"));
@@ -268,12 +276,25 @@ mod tests {
 
     #[test]
     fn short_coordinates_are_the_nearest_and_stay_inside() {
-        let mut append = Append::new(0, 0);
-        append.short_uv([[0.0, 1.0], [-1e-7, 1.000_001], [0.3, 0.5]].into_iter());
-        let out = append.finish(0, 0);
-        let read: Vec<u16> = out.bytes.chunks(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
-        assert_eq!(read, [0, 65535, 0, 65535, 19661, 32768]);
-        assert!(out.views[0].contains("\"byteStride\": 4") && out.accessors[0].contains("\"normalized\": true"));
+        for repeat in [1, FEW] {
+            let corners = [Vec2::new(0.0, 1.0), Vec2::new(-1e-7, 1.000_001), Vec2::new(0.3, 0.5)];
+            let uv = core::iter::repeat_n(corners, repeat).flatten().map(|uv| uv * 100.0).collect();
+            let charted = ChartedPart::on_page(Layout { uv, ..Layout::default() });
+            let mut append = Append::new(0, 0);
+            append.lightmap_uv(&charted, [100, 100], true);
+            append.lightmap_uv(&charted, [100, 100], false);
+            let out = append.finish(0, 0);
+            let bytes = out.bytes.to_vec();
+            assert_eq!(bytes.len(), out.bytes.len());
+            let (short, long) = bytes.split_at(repeat * 12);
+            let read: Vec<u16> = short.chunks(2).map(|b| u16::from_le_bytes([b[0], b[1]])).collect();
+            assert_eq!(read, [0, 65535, 0, 65535, 19661, 32768].repeat(repeat));
+            let read: Vec<f32> = long.chunks(4).map(|b| f32::from_le_bytes(b.try_into().unwrap())).collect();
+            assert_eq!(read.len(), 6 * repeat);
+            assert!((read[4] - 0.3).abs() < 1e-6 && (read[3] - 1.000_001).abs() < 1e-6);
+            assert!(out.views[0].contains("\"byteStride\": 4") && out.accessors[0].contains("\"normalized\": true"));
+            assert!(out.views[1].contains("\"byteStride\": 8") && !out.accessors[1].contains("normalized"));
+        }
     }
 
     #[test]

@@ -12,10 +12,11 @@
 //!
 //! Source: glTF 2.0, section 4.4 (GLB layout), section 3.6.1.2 (the GLB-stored buffer is the first).
 
-use super::Files;
 use super::append::Append;
 use crate::base::Warning;
+use crate::output::Contents;
 use crate::output::Error;
+use crate::output::Files;
 use crate::output::names::beside;
 use crate::output::names::parent;
 use crate::output::names::rebased;
@@ -39,7 +40,7 @@ pub(super) struct Container<'a> {
 /// The BIN chunk's old content and the files beside the document.
 #[derive(Default)]
 pub(super) struct Bytes {
-    bin: Option<Vec<u8>>,
+    bin: Option<Contents>,
     files: Files,
 }
 
@@ -73,11 +74,11 @@ impl<'a> Container<'a> {
         let moved_into_bin = self.glb.then(|| self.first_buffer()).flatten();
         let fault = |e: Fault| Error::invalid(&self.document.path, e.to_string());
         let appended = if self.glb && (self.buffers.is_empty() || moved_into_bin.is_some()) {
-            let mut bin = moved_into_bin.map(<[u8]>::to_vec).unwrap_or_default();
-            let old = bin.len();
-            bin.resize(old.next_multiple_of(4), 0);
-            let appended = append.finish(0, bin.len());
-            bin.extend_from_slice(&appended.bytes);
+            let old = moved_into_bin.map_or(0, <[u8]>::len);
+            let appended = append.finish(0, old.next_multiple_of(4));
+            let mut bin = Contents::from(moved_into_bin.map(<[u8]>::to_vec).unwrap_or_default());
+            bin.pad(old.next_multiple_of(4));
+            bin.append(appended.bytes.clone());
             let length = if appended.bytes.is_empty() { old } else { bin.len() };
             match self.buffers.first() {
                 Some(first) if first.get("uri").is_some() => splice.replace(first, stored_buffer(first, None, length)),
@@ -130,7 +131,7 @@ impl<'a> Container<'a> {
         let file = beside(self.output, "bin");
         let uri = relative_uri(parent(self.output), &file)?;
         splice.replace(first, stored_buffer(first, Some(&uri), length));
-        bytes.files.push((file, bin[..length].to_vec()));
+        bytes.files.push((file, bin[..length].to_vec().into()));
         Ok(())
     }
 
@@ -158,24 +159,27 @@ impl<'a> Container<'a> {
     /// The finished files from the spliced JSON.
     pub(super) fn assemble(&self, json: String, bytes: Bytes) -> Result<Files, Error> {
         let mut files = bytes.files;
-        let document = if self.glb { self.glb_bytes(json, bytes.bin)? } else { json.into_bytes() };
+        let document = if self.glb { self.glb(json, bytes.bin)? } else { json.into_bytes().into() };
         files.push((self.output.to_path_buf(), document));
         Ok(files)
     }
 
-    fn glb_bytes(&self, json: String, bin: Option<Vec<u8>>) -> Result<Vec<u8>, Error> {
-        let mut chunks = vec![(0x4E4F_534A, json.into_bytes())];
+    /// Its first piece has all up to the end of the JSON chunk.
+    fn glb(&self, json: String, bin: Option<Contents>) -> Result<Contents, Error> {
+        let mut chunks = vec![(0x4E4F_534A, Contents::from(json.into_bytes()))];
         chunks.extend(bin.map(|bin| (0x004E_4942, bin)));
-        chunks.extend(self.document.extra_chunks.iter().cloned());
-        let mut out = b"glTF\x02\0\0\0\0\0\0\0".to_vec();
-        for (i, (kind, mut data)) in chunks.into_iter().enumerate() {
-            data.resize(data.len().next_multiple_of(4), if i == 0 { b' ' } else { 0 });
-            out.extend_from_slice(&self.length(data.len())?);
-            out.extend_from_slice(&u32::to_le_bytes(kind));
-            out.extend_from_slice(&data);
+        chunks.extend(self.document.extra_chunks.iter().map(|(kind, data)| (*kind, data.clone().into())));
+        for (i, (_, data)) in chunks.iter_mut().enumerate() {
+            let missing = data.len().next_multiple_of(4) - data.len();
+            data.extend(&[if i == 0 { b' ' } else { 0 }; 3][..missing]);
         }
-        let total = self.length(out.len())?;
-        out[8..12].copy_from_slice(&total);
+        let total = 12 + chunks.iter().map(|(_, data)| 8 + data.len()).sum::<usize>();
+        let mut out = Contents::from([b"glTF\x02\0\0\0".as_slice(), &self.length(total)?].concat());
+        for (i, (kind, data)) in chunks.into_iter().enumerate() {
+            out.extend(&self.length(data.len())?);
+            out.extend(&u32::to_le_bytes(kind));
+            if i == 0 { out.extend(&data.to_vec()) } else { out.append(data) }
+        }
         Ok(out)
     }
 

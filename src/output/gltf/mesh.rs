@@ -172,9 +172,7 @@ impl<'a> Meshes<'a> {
             edits.added.push(("TEXCOORD_0".to_owned(), zeros));
         }
         if !baked.keep_uv {
-            let [width, height] = self.atlas.page_size.map(|n| n as f32);
-            let uv = charted.uvs().map(|uv| [uv.x / width, uv.y / height]);
-            let uv = if self.quantize_uv { self.append.short_uv(uv) } else { self.append.uv(uv) };
+            let uv = self.append.lightmap_uv(charted, self.atlas.page_size, self.quantize_uv);
             edits.added.push((lightmap, uv));
         }
         Ok(edits)

@@ -39,6 +39,7 @@ pub use vertex::VertexSettings;
 pub use vertex::write_vertex_gltf;
 
 use super::Error;
+use super::Files;
 use super::directional;
 use super::names::PageFiles;
 use super::names::parent;
@@ -61,9 +62,6 @@ use plan::Elements;
 use plan::Instance;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
-
-/// Files with their contents.
-pub type Files = Vec<(PathBuf, Vec<u8>)>;
 
 /// What a lightmap texel holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

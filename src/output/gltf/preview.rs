@@ -12,6 +12,7 @@
 //!
 //! Limit: not every loader decodes EXR images; three.js needs its `EXRLoader` registered.
 
+use crate::output::Contents;
 use crate::output::Error;
 use crate::output::names::beside;
 use crate::output::splice::Element;
@@ -31,23 +32,27 @@ const BEFORE_JSON: usize = 20;
 ///
 /// # Errors
 /// If `document` is not what `write_gltf` made.
-pub fn preview(path: &Path, document: &[u8]) -> Result<(PathBuf, Vec<u8>), Error> {
+pub fn preview(path: &Path, document: &Contents) -> Result<(PathBuf, Contents), Error> {
     let fail = || Error::invalid(path, "the preview cannot be made from this document");
-    if !document.starts_with(b"glTF") {
-        let json = core::str::from_utf8(document).map_err(|_| fail())?;
-        let text = unlit(json).map_err(|e| Error::invalid(path, e.to_string()))?;
-        return Ok((beside(path, "preview.gltf"), text.into_bytes()));
+    let start = document.pieces().next().ok_or_else(fail)?;
+    let made = |json: &[u8]| -> Result<Vec<u8>, Error> {
+        let json = core::str::from_utf8(json).map_err(|_| fail())?;
+        Ok(unlit(json.trim_end()).map_err(|e| Error::invalid(path, e.to_string()))?.into_bytes())
+    };
+    if !start.starts_with(b"glTF") {
+        return Ok((beside(path, "preview.gltf"), made(&start)?.into()));
     }
-    let length = document.get(12..16).and_then(|b| b.try_into().ok()).map(u32::from_le_bytes).ok_or_else(fail)?;
+    let length = start.get(12..16).and_then(|b| b.try_into().ok()).map(u32::from_le_bytes).ok_or_else(fail)?;
     let rest = BEFORE_JSON + length as usize;
-    let json = document.get(BEFORE_JSON..rest).and_then(|b| core::str::from_utf8(b).ok()).ok_or_else(fail)?;
-    let mut json = unlit(json.trim_end()).map_err(|e| Error::invalid(path, e.to_string()))?.into_bytes();
+    let mut json = made(start.get(BEFORE_JSON..rest).ok_or_else(fail)?)?;
     json.resize(json.len().next_multiple_of(4), b' ');
-    let mut out = [&document[..BEFORE_JSON], &json, &document[rest..]].concat();
+    let total = document.len() + json.len() - length as usize;
     let size = |bytes: usize| u32::try_from(bytes).map(u32::to_le_bytes).map_err(|_| fail());
-    let (total, chunk) = (size(out.len())?, size(json.len())?);
-    out[8..12].copy_from_slice(&total);
-    out[12..16].copy_from_slice(&chunk);
+    let mut head = start[..BEFORE_JSON].to_vec();
+    head[8..12].copy_from_slice(&size(total)?);
+    head[12..16].copy_from_slice(&size(json.len())?);
+    let mut out = Contents::from([&head, &json, &start[rest..]].concat());
+    out.append(document.after_first());
     Ok((beside(path, "preview.glb"), out))
 }
 
@@ -133,9 +138,9 @@ mod tests {
     fn lit_materials_become_unlit_and_the_rest_stays() {
         let extras = json!({"lightmap": {"uri": "a.hdr", "files": [{"format": "exr", "uri": "a.exr"}]}});
         let plain = document(&json!({"sampler": 0, "source": 0, "extras": extras}));
-        let (path, bytes) = preview(Path::new("o/a.gltf"), plain.to_string().as_bytes()).unwrap();
+        let (path, bytes) = preview(Path::new("o/a.gltf"), &plain.to_string().into_bytes().into()).unwrap();
         assert_eq!(path, Path::new("o/a.preview.gltf"));
-        let out: Value = serde_json::from_slice(&bytes).unwrap();
+        let out: Value = serde_json::from_slice(&bytes.to_vec()).unwrap();
         assert_eq!(out["images"][0], json!({"uri": "a.exr"}));
         assert_eq!(out["textures"][0], json!({"sampler": 0, "source": 0}));
         let wall = json!({"name": "wall", "doubleSided": true, "extensions": {UNLIT: {}},
@@ -151,9 +156,8 @@ mod tests {
     fn an_exr_among_the_images_loses_its_type_and_is_taken() {
         let texture = json!({"source": 0, "extensions": {"EXT_texture_exr": {"source": 1}},
             "extras": {"lightmap": {"uri": "a.exr"}}});
-        let out: Value =
-            serde_json::from_slice(&preview(Path::new("a.gltf"), document(&texture).to_string().as_bytes()).unwrap().1)
-                .unwrap();
+        let (_, bytes) = preview(Path::new("a.gltf"), &document(&texture).to_string().into_bytes().into()).unwrap();
+        let out: Value = serde_json::from_slice(&bytes.to_vec()).unwrap();
         assert_eq!(out["textures"][0], json!({"source": 1}));
         assert_eq!(out["images"], json!([{"uri": "a.png"}, {"uri": "a.exr"}]));
     }
@@ -164,15 +168,20 @@ mod tests {
         let padded = format!("{json}{}", " ".repeat(json.len().next_multiple_of(4) - json.len()));
         let chunk = |kind: &[u8], data: &[u8]| [&(data.len() as u32).to_le_bytes(), kind, data].concat();
         let bin = chunk(b"BIN\0", &[1, 2, 3, 4]);
-        let body = [chunk(b"JSON", padded.as_bytes()), bin.clone()].concat();
-        let glb = [b"glTF\x02\0\0\0", &(body.len() as u32 + 12).to_le_bytes()[..], &body].concat();
+        let body = [chunk(b"JSON", padded.as_bytes()), bin[..8].to_vec()].concat();
+        let head = [b"glTF\x02\0\0\0", &(body.len() as u32 + 16).to_le_bytes()[..], &body].concat();
+        let mut glb = Contents::from(head.clone());
+        glb.promise(4, || vec![1, 2, 3, 4]);
         let (path, out) = preview(Path::new("a.glb"), &glb).unwrap();
-        assert_eq!(path, Path::new("a.preview.glb"));
+        assert_eq!((path.as_path(), out.len()), (Path::new("a.preview.glb"), out.to_vec().len()));
+        let out = out.to_vec();
         let word = |at: usize| u32::from_le_bytes(out[at..at + 4].try_into().unwrap()) as usize;
         assert_eq!(word(8), out.len());
         assert_eq!(&out[20 + word(12)..], bin);
         let text: Value = serde_json::from_slice(&out[20..20 + word(12)]).unwrap();
         assert_eq!(text["images"][0]["uri"], "a.exr");
-        assert!(preview(Path::new("a.glb"), &glb[..15]).is_err() && preview(Path::new("a.gltf"), b"[]").is_err());
+        for wrong in [&head[..15], b"[]", b""] {
+            assert!(preview(Path::new("a.glb"), &wrong.to_vec().into()).is_err());
+        }
     }
 }

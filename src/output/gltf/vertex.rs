@@ -14,7 +14,6 @@
 //!
 //! Everything else of the document stays, byte for byte.
 
-use super::Files;
 use super::Quantity;
 use super::append::Append;
 use super::container::Container;
@@ -29,6 +28,7 @@ use crate::base::Rgb;
 use crate::base::Warned;
 use crate::base::Warning;
 use crate::output::Error;
+use crate::output::Files;
 use crate::output::splice::Element;
 use crate::output::splice::Fault;
 use crate::output::splice::Splice;

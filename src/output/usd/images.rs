@@ -5,7 +5,7 @@
 
 use super::asset;
 use crate::output::Error;
-use crate::output::gltf::Files;
+use crate::output::Files;
 use crate::output::names;
 use crate::scene::Scene;
 use crate::scene::Texture;
@@ -71,7 +71,7 @@ impl Images {
         };
         let file = names::beside(layer, &format!("image{image}.{extension}"));
         let path = asset(layer, &file)?;
-        self.files.push((file, bytes));
+        self.files.push((file, bytes.into()));
         Ok(path)
     }
 }

@@ -33,7 +33,7 @@ mod text;
 mod view;
 
 use super::Error;
-use super::gltf::Files;
+use super::Files;
 use super::gltf::Quantity;
 use super::names;
 use crate::atlas::Atlas;
@@ -98,9 +98,9 @@ pub fn write_usd(scene: &Scene, light: Light<'_>, settings: &Settings) -> Result
     let lightmap = names::beside(&settings.output, "lightmap.usda");
     let view = view::layer(&bake, &[&lightmap, &geometry])?;
     let mut files = images.files.clone();
-    files.push((geometry, geometry::layer(&bake, &images)));
-    files.push((lightmap, overlay::layer(&bake)?));
-    files.push((settings.output.clone(), view));
+    files.push((geometry, geometry::layer(&bake, &images).into()));
+    files.push((lightmap, overlay::layer(&bake)?.into()));
+    files.push((settings.output.clone(), view.into()));
     Ok(files)
 }
 
