@@ -45,7 +45,7 @@ async function make(input, output, how) {
   const reader = await io();
   const document = await reader.read(input);
   document.setLogger({ debug() {}, info() {}, warn() {}, error: console.error });
-  await document.transform(...STEPS[how]);
+  await document.transform(...STEPS[how], functions.unpartition());
   await reader.write(output, document);
 }
 

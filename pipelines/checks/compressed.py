@@ -51,10 +51,24 @@ def node(*arguments):
 def make(source, target, how):
     """Compresses a file; a sentence if that failed."""
     if how in GLTFPACK:
-        done = node("node_modules/gltfpack/cli.js", "-i", source, "-o", target, *GLTFPACK[how])
+        pack = lambda options: node("node_modules/gltfpack/cli.js", "-i", source, "-o", target, *options)
+        done = pack(GLTFPACK[how])
+        if done.returncode == 0 and not is_json(target):
+            # It writes extras that are a text without quotes.
+            done = pack([option for option in GLTFPACK[how] if option != "-ke"])
     else:
         done = node(Path(__file__).with_name("compress.mjs"), "make", source, target, how)
     return None if done.returncode == 0 and target.is_file() else f"{how} failed: {done.stdout}{done.stderr}"
+
+
+def is_json(glb):
+    """The JSON chunk of a GLB can be read."""
+    data = glb.read_bytes()
+    try:
+        json.loads(data[20:20 + int.from_bytes(data[12:16], "little")])
+    except ValueError:
+        return False
+    return True
 
 
 def bake(program, source, target, options):

@@ -45,6 +45,10 @@ const PAD: f32 = 1e-5;
 /// texel over all of a ball of 10,000 triangles took 5 ms.
 const MOST_LOOKS: usize = 64;
 
+/// Points that are looked at in a cell of the mask; what else lies there is taken for the like. A texel below a thousand
+/// triangles, each as large as itself, would take 64,000 looks.
+const MOST_POINTS: u32 = 8;
+
 /// Less than this share of a texel counts as none: a single line would make a spike of it.
 const LEAST_EXPOSED: f32 = 0.04;
 
@@ -53,6 +57,8 @@ const LEAST_EXPOSED: f32 = 0.04;
 struct Cell {
     area: f32,
     open: f32,
+    /// Points that were looked at.
+    points: u32,
     /// Position times area [m³].
     position: Vec3,
 }
@@ -133,8 +139,13 @@ fn cells(
     for f in patches.fragments.range(patch) {
         patches.cell_centroids(patch, f, MASK_GRID, |point, centroid, area| {
             let cell = &mut cells[cell_index(centroid, MASK_GRID)];
+            let open = match cell.points {
+                MOST_POINTS.. => cell.open / cell.area.max(f32::MIN_POSITIVE),
+                _ => f32::from(u8::from(!is_hidden(tracer, point, about))),
+            };
+            cell.points += 1;
             cell.area += area;
-            cell.open += if is_hidden(tracer, point, about) { 0.0 } else { area };
+            cell.open += area * open;
             cell.position += tracer.scene().position(point.triangle, point.b) * area;
         });
     }

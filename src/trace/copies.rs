@@ -290,12 +290,20 @@ impl Shared {
         is_met
     }
 
-    /// Calls `visit` for all that a valid ray may cross, in no certain order.
-    pub(super) fn each<L: Lanes>(&self, ray: &Ray3, shear: &Shear, mut visit: impl FnMut(Crossing, u32)) {
+    /// Calls `visit` for all that a valid ray may cross, in no certain order, as long as that returns true: whether it
+    /// always did.
+    pub(super) fn each<L: Lanes>(
+        &self,
+        ray: &Ray3,
+        shear: &Shear,
+        mut visit: impl FnMut(Crossing, u32) -> bool,
+    ) -> bool {
+        let mut go_on = true;
         self.cross::<L>(ray, shear, ray.t_max, |crossing, tagged| {
-            visit(crossing, tagged);
-            ray.t_max
+            go_on = visit(crossing, tagged);
+            if go_on { ray.t_max } else { -1.0 }
         });
+        go_on
     }
 
     /// Some triangle that `matters` may reach into the box from `low` to `high` [m].

@@ -1,7 +1,7 @@
 //! Everything that a ray crosses, not only what it meets first.
 //!
-//! In: [`Tracer`] and [`Ray3`]. Out: a call for each triangle with 0 < t < `t_max`, in an order that depends on the
-//! hierarchy alone. The same box and triangle tests as in `traverse`, so nothing is crossed here that stops no ray there.
+//! In: [`Tracer`] and [`Ray3`]. Out: a call for each triangle with 0 < t < `t_max`, until one says that it is enough, in
+//! an order that depends on the hierarchy alone. The same box and triangle tests as in `traverse`, so nothing is crossed here that stops no ray there.
 
 use super::Ray3;
 use super::Tracer;
@@ -36,23 +36,23 @@ impl Crossed {
 }
 
 impl Tracer<'_> {
-    /// Calls `visit` for all of it. Rays that are not finite, or have no direction or length, cross nothing.
-    pub(super) fn each_crossed(&self, ray: &Ray3, mut visit: impl FnMut(Crossed)) {
+    /// Calls `visit` for all of it, as long as that returns true. Rays that are not finite, or have no direction or length,
+    /// cross nothing.
+    pub(super) fn each_crossed(&self, ray: &Ray3, mut visit: impl FnMut(Crossed) -> bool) {
         if !ray.is_valid() {
             return;
         }
         let shear = Shear::new(ray.origin, ray.direction);
         let mut one = |crossing: Crossing, tagged: u32| {
             let t = crossing.t() as f32;
-            if t > 0.0 && t < ray.t_max {
-                let triangle = tagged & !Packet::TRANSPARENT;
-                visit(Crossed { triangle, transparent: tagged != triangle, t, front: crossing.front(), crossing });
+            if t <= 0.0 || t >= ray.t_max {
+                return true;
             }
+            let triangle = tagged & !Packet::TRANSPARENT;
+            visit(Crossed { triangle, transparent: tagged != triangle, t, front: crossing.front(), crossing })
         };
-        if !self.shared.is_empty() {
-            self.shared.each::<Portable>(ray, &shear, &mut one);
-        }
-        if self.hierarchy.nodes.is_empty() {
+        let go_on = self.shared.is_empty() || self.shared.each::<Portable>(ray, &shear, &mut one);
+        if !go_on || self.hierarchy.nodes.is_empty() {
             return;
         }
         let (slab, lanes) = (Slab::<Portable>::new(self, ray.origin, &shear), ShearLanes::<Portable>::new(&shear));
@@ -63,8 +63,10 @@ impl Tracer<'_> {
                 let packet = &self.hierarchy.packets[packet];
                 let mask = lanes.filter(packet, &shear);
                 for lane in (0..count).filter(|lane| mask >> lane & 1 == 1) {
-                    if let Some(crossing) = shear.cross(packet, lane) {
-                        one(crossing, packet.triangles[lane]);
+                    if let Some(crossing) = shear.cross(packet, lane)
+                        && !one(crossing, packet.triangles[lane])
+                    {
+                        return;
                     }
                 }
             } else {

@@ -56,6 +56,7 @@ impl Tracer<'_> {
             if c.transparent {
                 product *= factor(c.triangle, c.weights()) * self.cross(&c, &mut walls);
             }
+            true
         });
         if walls.is_empty() { product } else { product * self.left_by_solids(ray, &mut walls) }
     }
