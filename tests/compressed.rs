@@ -121,6 +121,23 @@ fn damage_is_refused_with_its_place() {
     assert!(refusal(&huge).contains("cannot hold 48000000000 bytes"), "{}", refusal(&huge));
 }
 
+/// As glTF-Transform leaves a mesh with sparse positions.
+#[test]
+fn draco_meshes_may_have_indices_alone() {
+    let mut b = Builder::square(json!({}));
+    let stream = [b"DRACO\x02\x02\x01\x00\x00\x00\x02\x00\x01".as_slice(), &[0, 1, 2, 0, 2, 3], &[0]].concat();
+    let (offset, length) = (b.bin.len(), stream.len());
+    b.bin.extend(stream);
+    let view = b.push("bufferViews", json!({"buffer": 0, "byteOffset": offset, "byteLength": length}));
+    let indices = b.json["meshes"][0]["primitives"][0]["indices"].as_u64().unwrap() as usize;
+    b.json["accessors"][indices] = json!({"componentType": 5125, "count": 6, "type": "SCALAR"});
+    let extension = json!({"KHR_draco_mesh_compression": {"bufferView": view, "attributes": {}}});
+    b.json["meshes"][0]["primitives"][0]["extensions"] = extension;
+    let (packed, plain) = (scene(&b), scene(&Builder::square(json!({}))));
+    assert_eq!(packed.vertices.position, plain.vertices.position);
+    assert_eq!(packed.triangles, plain.triangles);
+}
+
 #[test]
 fn damaged_draco_is_refused_with_its_place() {
     let case = |change: &dyn Fn(&mut Builder)| {

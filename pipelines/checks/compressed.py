@@ -5,6 +5,7 @@
 In: the texelwalk program, and glTF files. Each is compressed by gltfpack and by glTF-Transform (HOWS), baked, and then
 * every corner of every triangle of the compressed file is in the baked one, bit for bit, as glTF-Transform reads both with
   the decoders of meshoptimizer and of Google's Draco;
+* nothing else of it is lost (`preserved.py`);
 * the Khronos validator finds nothing;
 * the light is that of the plain file: the power that surfaces take up differs by at most POWER.
 Out: exit code 0; 1 and what is wrong.
@@ -104,6 +105,10 @@ def faults(program, source, how, folder, options, plain):
                            capture_output=True, text=True, check=False)
     if valid.returncode != 0:
         found.append(valid.stdout[-2000:] + valid.stderr[-2000:])
+    kept = subprocess.run([sys.executable, Path(__file__).with_name("preserved.py"), "--compressed", packed, baked],
+                          capture_output=True, text=True, check=False)
+    if kept.returncode != 0:
+        found.append(kept.stdout[:2000] + kept.stderr[-500:])
     if not found:
         print(f"{source.stem}, {how}: {packed.stat().st_size} bytes, power {power / plain:.5f} of the plain file's")
     return found

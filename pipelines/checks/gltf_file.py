@@ -12,6 +12,8 @@ from pathlib import Path
 
 import numpy
 
+MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
+DRACO = "KHR_draco_mesh_compression"
 COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 # Columns of a matrix start at multiples of four bytes: (component size, type) → components per padded column.
 PADDED_COLUMNS = {(1, "MAT2"): (2, 4), (1, "MAT3"): (3, 4), (2, "MAT3"): (3, 4)}
@@ -30,6 +32,10 @@ class Number(float):
 
 class GltfError(Exception):
     """The file cannot be read; the message says which and why."""
+
+
+class Compressed(GltfError):
+    """What is asked for is compressed."""
 
 
 def parse(text):
@@ -88,6 +94,8 @@ class GltfFile:
         raise GltfError(f"{self.path}: no scene has extras.lightmap.pages; was it baked to a lightmap?")
 
     def _buffer(self, i, buffer):
+        if any(buffer.get("extensions", {}).get(name, {}).get("fallback") for name in MESHOPT):
+            return b""  # Only its size counts; readers that know the compression do not read it.
         data = self.resource(buffer["uri"]) if "uri" in buffer else self.binary
         if data is None or len(data) < index(buffer["byteLength"]):
             raise GltfError(f"{self.path}: buffer {i} is shorter than its byteLength")
@@ -95,10 +103,21 @@ class GltfFile:
 
     def view(self, i):
         """Bytes of a buffer view."""
-        view = self.json["bufferViews"][i]
-        for name in ("EXT_meshopt_compression", "KHR_meshopt_compression"):
-            if name in view.get("extensions", {}):
-                raise GltfError(f"{self.path}: buffer view {i} uses {name}, which this check cannot decode")
+        name, _ = self._compression(i)
+        if name:
+            raise Compressed(f"{self.path}: buffer view {i} uses {name}, which this check cannot decode")
+        return self._bytes(self.json["bufferViews"][i])
+
+    def compressed_view(self, i):
+        """Bytes of a buffer view as they are stored, or None if it is not compressed."""
+        name, how = self._compression(i)
+        return self._bytes(how) if name else None
+
+    def _compression(self, i):
+        extensions = self.json["bufferViews"][i].get("extensions", {})
+        return next(((name, extensions[name]) for name in MESHOPT if name in extensions), (None, None))
+
+    def _bytes(self, view):
         start = index(view.get("byteOffset", 0))
         return self.buffers[index(view["buffer"])][start : start + index(view["byteLength"])]
 
@@ -126,6 +145,15 @@ class GltfFile:
         if columns:
             values = values.reshape(count, -1, columns[1])[:, :, : columns[0]].reshape(count, width)
         return values
+
+    def is_compressed(self, primitive):
+        """Whether vertices or indices of a primitive are compressed."""
+        if DRACO in primitive.get("extensions", {}):
+            return True
+        read = [*primitive["attributes"].values(), *(a for t in primitive.get("targets", []) for a in t.values())]
+        read += [primitive["indices"]] if "indices" in primitive else []
+        views = [self.json["accessors"][index(a)].get("bufferView") for a in read]
+        return any(view is not None and self._compression(index(view))[0] for view in views)
 
     def accessor(self, i):
         """Stored values of an accessor as count × components, sparse substitution applied."""

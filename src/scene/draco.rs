@@ -91,7 +91,8 @@ impl Document {
         }
         let bytes = self.buffer_view(view)?;
         let count = wanted.iter().filter_map(|(a, ..)| self.root.accessors.get(*a)).map(|a| a.count).max();
-        let padded = with_room(bytes, count.unwrap_or_default());
+        let mut padded = with_room(bytes, count.unwrap_or_default());
+        claim_a_point(&mut padded);
         let (mut decoded, mut buffer) = (Mesh::new(), DecoderBuffer::new(&padded));
         MeshDecoder::new()
             .decode(&mut buffer, &mut decoded)
@@ -189,6 +190,19 @@ fn with_room(bytes: &[u8], count: usize) -> Vec<u8> {
     padded.extend_from_slice(bytes);
     padded.resize(bytes.len() + room, 0);
     padded
+}
+
+/// Makes a mesh of no points one of a single point, if its triangles follow one after the other: it has no values, but
+/// indices. glTF-Transform 4.5 leaves such meshes beside sparse positions; `draco-core` 1.2.0 would skip the indices.
+fn claim_a_point(bytes: &mut [u8]) {
+    /// Version 2.2, triangles in sequence, no metadata.
+    const HEAD: &[u8] = b"DRACO\x02\x02\x01\x00\x00\x00";
+    let Some(counts) = bytes.strip_prefix(HEAD) else { return };
+    // Two numbers of seven bits to a byte: triangles, then points.
+    let Some(last) = counts.iter().take(5).position(|b| b & 0x80 == 0) else { return };
+    if let Some(points @ 0) = bytes.get_mut(HEAD.len() + last + 1) {
+        *points = 1;
+    }
 }
 
 /// Component `c` of an attribute at a point; `None` if the mesh lacks it.

@@ -1,8 +1,9 @@
-//! Where along the borders of a layout the two sides of a seam are compared: twice per texel.
+//! Where along the borders of a layout the two sides of a seam are compared: twice per texel, or more often.
 //!
 //! In: a layout and its border sides. Out: [`Asked`] sides. A long side is asked at several points. Of sides shorter than
-//! half a texel, those of one chart in one square of half a texel are asked at one point for all of them, so fine meshes
-//! take no more points than coarse ones: 1,400 sides around the 20 texels of a ball of 9,798 triangles gave 1,400 points.
+//! half a texel, those of one chart in one square of a quarter of a texel are asked at one point for all of them, so points
+//! do not grow with the mesh: 1,400 sides around the 20 texels of a ball of 9,798 triangles gave 1,400 points. Larger squares
+//! hold different seams: with half a texel, the worst step of a scan of 348,503 triangles was 25 instead of 6 %.
 //!
 //! Invariant: lengths add up to that of the border.
 
@@ -11,6 +12,8 @@ use glam::Vec2;
 
 /// Points per texel of an edge.
 const POINTS: f32 = 2.0;
+/// Squares per texel edge in which short edges have one point.
+const SQUARES: f32 = 4.0;
 /// Most points of an edge.
 const MOST_POINTS: f32 = 1e6;
 
@@ -50,9 +53,9 @@ pub(super) fn along(layout: &Layout, sides: &[u8]) -> Vec<Asked> {
     long
 }
 
-/// The square of half a texel that a point lies in.
+/// The square that a point lies in.
 fn square(at: Vec2) -> [i32; 2] {
-    (at * POINTS).floor().to_array().map(|x| x as i32)
+    (at * SQUARES).floor().to_array().map(|x| x as i32)
 }
 
 /// The side in the middle of several, by length, for all of them. There must be one.
@@ -84,12 +87,12 @@ mod tests {
     }
 
     #[test]
-    fn fine_meshes_take_no_more_points_than_coarse_ones() {
+    fn points_do_not_grow_with_the_mesh() {
         for pieces in [1, 2, 7, 30, 500] {
             let (layout, sides) = comb(5.0, pieces);
             let asked = along(&layout, &sides);
             let points: u32 = asked.iter().map(|a| a.count).sum();
-            assert!((10..=14).contains(&points), "{pieces}: {points}");
+            assert!((10..=22).contains(&points), "{pieces}: {points}");
             let length: f32 = asked.iter().map(|a| a.length * a.count as f32).sum();
             assert!((length - 5.0).abs() < 1e-3, "{pieces}: {length}");
             assert!(asked.is_sorted_by_key(|a| (a.triangle, a.side)));
@@ -98,12 +101,12 @@ mod tests {
 
     #[test]
     fn charts_do_not_share_points() {
-        let (mut layout, sides) = comb(0.4, 4);
+        let (mut layout, sides) = comb(0.2, 4);
         assert_eq!(along(&layout, &sides).len(), 1);
         layout.chart = vec![0, 1, 0, 1];
         let asked = along(&layout, &sides);
         assert_eq!(asked.len(), 2);
-        assert!(asked.iter().all(|a| (a.length - 0.2).abs() < 1e-6));
+        assert!(asked.iter().all(|a| (a.length - 0.1).abs() < 1e-6));
         assert!(along(&Layout::default(), &[]).is_empty());
     }
 }
