@@ -58,7 +58,7 @@ pub(super) struct Place {
 
 /// Borders of all charts, by what parts share.
 pub(super) struct Borders<'a> {
-    pub(super) scene: &'a Scene,
+    scene: &'a Scene,
     atlas: &'a Atlas,
     patches: &'a Patches,
     /// The layout of each part.
@@ -105,6 +105,11 @@ impl<'a> Borders<'a> {
         let part = self.scene.part_index(triangle);
         let k = triangle - self.scene.parts[part].triangles.start;
         let sides = self.sides[self.layout_of[part] as usize].get(k as usize).copied().unwrap_or(0);
+        self.edges(part, k, sides)
+    }
+
+    /// Sides of a part's triangle, those whose bits are set.
+    fn edges(&self, part: usize, k: u32, sides: u8) -> impl Iterator<Item = Edge> + '_ {
         (0..3).filter(move |side| sides >> side & 1 == 1).map(move |side| self.edge(part, k, side))
     }
 
@@ -131,12 +136,12 @@ impl<'a> Borders<'a> {
         for (part, layout) in self.layout_of.iter().enumerate() {
             part_of[*layout as usize].get_or_insert(part);
         }
-        let texels = |part: usize| -> Vec<f64> {
-            let edges = self.scene.parts[part].triangles.clone().flat_map(|t| self.edges_of(t));
+        let texels = |layout: usize| -> Vec<f64> {
+            let Some(part) = part_of[layout] else { return vec![] };
+            let edges = (0..).zip(&self.sides[layout]).flat_map(|(k, sides)| self.edges(part, k, *sides));
             edges.map(|e| e.texel()).collect()
         };
-        let parts: Vec<usize> = part_of.into_iter().flatten().collect();
-        let mut all: Vec<f64> = parallel::map(parts.len(), |i| texels(parts[i])).into_iter().flatten().collect();
+        let mut all: Vec<f64> = parallel::map(self.sides.len(), texels).into_iter().flatten().collect();
         let middle = all.len() / 2;
         if all.is_empty() { 1.0 } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 }
     }
