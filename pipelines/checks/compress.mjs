@@ -49,21 +49,32 @@ async function make(input, output, how) {
   await reader.write(output, document);
 }
 
-// Every corner of a node's triangles as text, three to a line, in a stable order.
+// Places of the corners of a triangle in a list, a strip or a fan, by mode. Points and lines have none.
+const CORNERS = { 4: (k) => [3 * k, 3 * k + 1, 3 * k + 2], 5: (k) => [k, k + 1 + (k % 2), k + 2 - (k % 2)], 6: (k) => [k + 1, k + 2, 0] };
+
+// Every corner of a node's triangles as text, three to a line, the least first, in a stable order. Triangles of strips that
+// have a vertex twice are none.
 function triangles(node, wanted) {
   const lines = [];
   for (const primitive of node.getMesh().listPrimitives()) {
-    if (primitive.getMode() !== 4) continue;
+    const mode = primitive.getMode();
+    if (!CORNERS[mode]) continue;
     const indices = primitive.getIndices();
     const attributes = wanted(primitive).map((name) => [name, primitive.getAttribute(name)]);
     const count = indices ? indices.getCount() : primitive.getAttribute('POSITION').getCount();
-    const corner = (k) => {
-      const vertex = indices ? indices.getScalar(k) : k;
+    const vertexOf = (k) => (indices ? indices.getScalar(k) : k);
+    const corner = (vertex) => {
       // What lacks texture coordinates gets zeros, since numbers of sets must not leave gaps.
       const missing = (name) => (name === 'TEXCOORD_0' ? '0 0' : `no ${name}`);
       return attributes.map(([name, a]) => (a ? a.getElement(vertex, []).join(' ') : missing(name))).join(' / ');
     };
-    for (let k = 0; k + 2 < count; k += 3) lines.push([corner(k), corner(k + 1), corner(k + 2)].join(' | '));
+    for (let k = 0; k < (mode === 4 ? Math.floor(count / 3) : count - 2); k += 1) {
+      const [a, b, c] = CORNERS[mode](k).map(vertexOf);
+      if (mode !== 4 && (a === b || b === c || c === a)) continue;
+      const texts = [corner(a), corner(b), corner(c)];
+      const least = texts.indexOf([...texts].sort()[0]);
+      lines.push([0, 1, 2].map((i) => texts[(least + i) % 3]).join(' | '));
+    }
   }
   return lines.sort();
 }
