@@ -148,9 +148,9 @@ pub(super) fn read(
     let placed = parallel::map(plans.len(), |i| {
         let (source, world) = (plans[i].source, walk.worlds[plans[i].placed.node]);
         if is_copied(&plans[i]) {
-            return copied(document, &plans[i], &locals[source], world);
+            return copied(document, &plans[i], offset, &locals[source], world);
         }
-        place(document, &plans[i], &locals[source], world, &joints).map(Placing::Stored)
+        place(document, &plans[i], offset, &locals[source], world, &joints).map(Placing::Stored)
     });
     let mut geometry = Geometry { offset, ..Geometry::default() };
     geometry.vertices.uv = vec![Vec::new(); uv_sets.len()];
@@ -184,9 +184,15 @@ impl<'a> Sharing<'a> {
 }
 
 /// A part of which only the transform is kept.
-fn copied(document: &Document, plan: &Plan, local: &LocalPrimitive, world: DMat4) -> Result<Placing, Error> {
+fn copied(
+    document: &Document,
+    plan: &Plan,
+    offset: DVec3,
+    local: &LocalPrimitive,
+    world: DMat4,
+) -> Result<Placing, Error> {
     let placement = Placement::new(world);
-    check_range(document, plan, local.position.iter().map(|p| placement.position(*p)))?;
+    check_range(document, plan, offset, local.position.iter().map(|p| world.transform_point3(p.as_dvec3())))?;
     Ok(Placing::Copied { placement, scale: Pose::Rigid(world).scale(), flat: local.normal.is_none() })
 }
 
@@ -220,11 +226,18 @@ fn too_many(most: usize, does: &str, node: &str) -> Error {
     ))
 }
 
-/// All vertices of a part lie where rays can be traced.
-fn check_range(document: &Document, plan: &Plan, positions: impl Iterator<Item = Vec3>) -> Result<(), Error> {
-    let mut outside = positions.enumerate().filter(|(_, p)| !p.is_finite() || p.abs().max_element() > MAX_COORDINATE);
+/// All vertices of a part lie where rays can be traced. Judged where the document has them, since how far a scene is
+/// moved depends on how it is divided into primitives, and a bake may divide it anew.
+fn check_range(
+    document: &Document,
+    plan: &Plan,
+    offset: DVec3,
+    positions: impl Iterator<Item = DVec3>,
+) -> Result<(), Error> {
+    let is_inside = |p: &DVec3| p.is_finite() && p.abs().max_element() <= f64::from(MAX_COORDINATE);
+    let mut outside = positions.map(|p| p + offset).enumerate().filter(|(_, p)| !is_inside(p));
     let Some((v, position)) = outside.next() else { return Ok(()) };
-    let name = document.root.primitive_name(plan.mesh, plan.primitive);
+    let (position, name) = (position.as_vec3(), document.root.primitive_name(plan.mesh, plan.primitive));
     let node = document.root.node_name(plan.placed.node);
     Err(Error::invalid(format!(
         "{name}, placed by node {node}: vertex {v} is at {position}, beyond the limit of {MAX_COORDINATE:e} m"
@@ -309,6 +322,7 @@ fn uv_sets(document: &Document, plans: &[Plan], materials: &[Material]) -> Vec<b
 fn place(
     document: &Document,
     plan: &Plan,
+    offset: DVec3,
     source: &LocalPrimitive,
     world: DMat4,
     joints: &[Vec<DMat4>],
@@ -333,10 +347,9 @@ fn place(
         }
     };
     let pose = skin.map_or(Pose::Rigid(world), Pose::Skinned);
-    let position: Vec<Vec3> = (local.position.iter().enumerate())
-        .map(|(v, p)| pose.matrix(v).transform_point3(p.as_dvec3()).as_vec3())
-        .collect();
-    check_range(document, plan, position.iter().copied())?;
+    let at = |(v, p): (usize, &Vec3)| pose.matrix(v).transform_point3(p.as_dvec3());
+    check_range(document, plan, offset, local.position.iter().enumerate().map(at))?;
+    let position: Vec<Vec3> = local.position.iter().enumerate().map(at).map(|p| p.as_vec3()).collect();
     let mirrored = pose.mirrors();
     let mut triangles = source.triangles.clone();
     if mirrored {

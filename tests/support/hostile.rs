@@ -282,6 +282,15 @@ fn geometry() -> Vec<Case> {
         triangle("placed beyond the limit", Invalid, &[place, "node 0", "limit"], |b| {
             b.json["nodes"][0]["scale"] = json!([1e9, 1, 1]);
         }),
+        triangle(
+            "beyond the limit of the document, not of what is moved",
+            Invalid,
+            &[place, "vertex 1", "limit"],
+            |b| {
+                b.json["nodes"][0]["translation"] = json!([6e6, 0, 0]);
+                position(3, 6e6)(b);
+            },
+        ),
         triangle("mode 7", Invalid, &[place, "mode 7"], |b| {
             b.set("/meshes/0/primitives/0/mode", json!(7));
         }),
