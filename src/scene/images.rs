@@ -7,7 +7,7 @@
 //! Scaled down are PNG and JPEG files and parts of buffers alone: of the others, and of data URIs, the decoded pixels are
 //! what a USD layer gets.
 //!
-//! Bounds, all checked from the image headers before anything is decoded: [`MAX_SIDE`], [`MAX_PIXELS`], [`MAX_RATIO`].
+//! Bounds, all checked from the image headers before anything is decoded: [`MAX_SIDE`], [`MAX_PIXELS`], [`PNG_RATIO`] and its like.
 
 use super::Document;
 use super::Error;
@@ -38,11 +38,14 @@ const MAX_SIDE: u32 = 16_384;
 /// Most pixels of all textures together: 4 GiB decoded.
 const MAX_PIXELS: u64 = 1 << 30;
 
-/// Most pixels per byte of file that a PNG can reach (deflate packs 1032 bytes into one, a bit is a pixel); JPEG stays
-/// below 512. Only images that claim more than [`SMALL`] pixels are held to it.
-const MAX_RATIO: u64 = 8 * 1032;
+/// Most pixels per byte of a PNG: deflate packs 1032 bytes into one, and a bit is a pixel.
+const PNG_RATIO: u64 = 8 * 1032;
 
-/// Decoding this many pixels is harmless even if the file is lying (64 MiB).
+/// Most pixels per byte of a JPEG: a progressive one that is even has a bit for a block of 64.
+const JPEG_RATIO: u64 = 8 * 64;
+
+/// Most pixels that an image of another format may claim, whatever its size; beyond that it is held to [`PNG_RATIO`].
+/// An even WebP has a few bytes, and is decoded within 128 MiB.
 const SMALL: u64 = 1 << 24;
 
 /// How an image is encoded.
@@ -300,7 +303,12 @@ fn size(source: &Source) -> Result<[u32; 2], Error> {
     }
     let pixels = u64::from(width) * u64::from(height);
     let bytes = source.bytes.len() as u64;
-    if pixels > SMALL && pixels > MAX_RATIO * bytes {
+    let most = match source.format {
+        Format::Common(ImageFormat::Png) => PNG_RATIO * bytes,
+        Format::Common(ImageFormat::Jpeg) => JPEG_RATIO * bytes,
+        Format::Common(_) | Format::Ktx2 | Format::Dds => SMALL.max(PNG_RATIO * bytes),
+    };
+    if pixels > most {
         let what = format!("{place} claims {width} × {height} pixels but has only {bytes} bytes");
         return Err(Error::invalid(what));
     }

@@ -42,9 +42,9 @@ const QUICK: u64 = 15_000;
 const LONG: u64 = 20_000;
 /// Longest that an execution may take [s]; run again, for machines that were busy.
 const PATIENCE: f64 = 2.0;
-/// Memory that any execution may take, and beyond that for each byte of its input [bytes]. Packed pictures grow by up to
-/// 1032 bytes for one, and a pixel takes 16.
-const MEMORY: (usize, usize) = (64 << 20, 4096);
+/// Memory that any execution may take, and beyond that for each byte of its input [bytes]. An even WebP of 4096² pixels has
+/// a few bytes; packed pictures grow by up to 1032 bytes for one, and a pixel takes 16.
+const MEMORY: (usize, usize) = (128 << 20, 4096);
 /// Findings after which a run ends.
 const ENOUGH: usize = 20;
 
