@@ -21,9 +21,9 @@ use glam::DVec3;
 const MOST_STEPS: usize = 400;
 /// Rounds of fixing and freeing. Most scenes need 3 to 7.
 const MOST_ROUNDS: usize = 16;
-/// Residual of the first rounds, as a multiple of the last one's. Much larger: wrong ones are fixed; smaller: steps that
-/// the next round does again (at 1, the seams of a body of 46,000 triangles took 47 s, and 14 s with this).
-const ROUGH: f64 = 100.0;
+/// Residual of the first rounds, as a multiple of the last one's. Much larger: wrong ones are fixed, and not all are freed
+/// again; smaller: steps that the next round does again.
+const ROUGH: f64 = 10.0;
 
 /// The symmetric matrix of a least squares problem.
 pub trait Equations: Sync {
