@@ -22,6 +22,7 @@ use super::shape::extent;
 use super::shape::fraction_bits;
 use super::shape::shape;
 use super::shape::touched;
+use crate::base::Sets;
 use crate::base::Warning;
 use crate::base::parallel;
 use crate::scene::Scene;
@@ -327,8 +328,8 @@ fn unite_sharing(mut piece: Piece, shape: &Shape, bits: u32) -> Piece {
 }
 
 /// Sets of the piece's charts that share texels.
-pub(super) fn sharing(piece: &Piece, shape: &Shape, bits: u32) -> connect::Sets {
-    let mut sets = connect::Sets::new(piece.parts.len());
+pub(super) fn sharing(piece: &Piece, shape: &Shape, bits: u32) -> Sets {
+    let mut sets = Sets::new(piece.parts.len());
     let width = shape.footprint.width as usize;
     let mut owner = vec![u32::MAX; width * shape.footprint.height as usize];
     for (face, grid) in piece.faces.iter().zip(&shape.grid) {

@@ -1,5 +1,6 @@
 //! Which triangles of a flat layout hang together over common edges.
 
+use crate::base::Sets;
 use glam::DVec2;
 
 /// Component of each triangle, numbered by first appearance; triangles share an edge if both ends have the same bits.
@@ -20,49 +21,6 @@ pub(super) fn components(triangles: &[[DVec2; 3]]) -> Vec<u32> {
         }
     }
     sets.numbers()
-}
-
-/// Disjoint sets; the smallest member represents its set.
-#[derive(Debug)]
-pub(crate) struct Sets {
-    parent: Vec<usize>,
-}
-
-impl Sets {
-    /// `n` sets of one member.
-    pub(crate) fn new(n: usize) -> Self {
-        Self { parent: (0..n).collect() }
-    }
-
-    /// Unites the sets of two members.
-    pub(crate) fn join(&mut self, a: usize, b: usize) {
-        let (a, b) = (self.find(a), self.find(b));
-        self.parent[a.max(b)] = a.min(b);
-    }
-
-    fn find(&mut self, mut a: usize) -> usize {
-        while self.parent[a] != a {
-            self.parent[a] = self.parent[self.parent[a]];
-            a = self.parent[a];
-        }
-        a
-    }
-
-    /// Number of each member's set, counted by first appearance.
-    pub(crate) fn numbers(&mut self) -> Vec<u32> {
-        let mut number = vec![u32::MAX; self.parent.len()];
-        let mut count = 0;
-        (0..self.parent.len())
-            .map(|member| {
-                let root = self.find(member);
-                if number[root] == u32::MAX {
-                    number[root] = count;
-                    count += 1;
-                }
-                number[root]
-            })
-            .collect()
-    }
 }
 
 #[cfg(test)]

@@ -9,9 +9,8 @@
 
 use super::Settings;
 use super::measure::{Place, Spot};
-use crate::atlas::connect::Sets;
 use crate::atlas::{Atlas, Chart, ChartedPart, Layout, NO_CHART, raster};
-use crate::base::{Progress, Rgb, parallel};
+use crate::base::{Progress, Rgb, Sets, parallel};
 use crate::output::Error;
 use crate::output::exr::ImageF32;
 use crate::patches::{PatchGraph, Patches, SurfacePoint};

@@ -15,7 +15,7 @@ use super::arrange::Shape;
 use super::find::MARGIN;
 use super::mesh::{GRID, Mesh};
 use super::plane::{Plane, along, clip, weights};
-use crate::base::parallel;
+use crate::base::{Sets, parallel};
 use glam::{DVec2, DVec3};
 use rayon::slice::ParallelSliceMut;
 use std::collections::HashMap;
@@ -279,22 +279,13 @@ fn parts(pieces: &[Piece], borders: &[((Key, Key), Segment)]) -> Vec<usize> {
         }
     }
     sides.par_sort_unstable();
-    let mut parent: Vec<usize> = (0..pieces.len()).collect();
+    let mut sets = Sets::new(pieces.len());
     for pair in sides.windows(2) {
         if pair[0].0 == pair[1].0 && borders.binary_search_by_key(&pair[0].0, |b| b.0).is_err() {
-            let (a, b) = (root(&mut parent, pair[0].1), root(&mut parent, pair[1].1));
-            parent[a.max(b)] = a.min(b);
+            sets.join(pair[0].1, pair[1].1);
         }
     }
-    (0..pieces.len()).map(|p| root(&mut parent, p)).collect()
-}
-
-fn root(parent: &mut [usize], mut k: usize) -> usize {
-    while parent[k] != k {
-        parent[k] = parent[parent[k]];
-        k = parent[k];
-    }
-    k
+    (0..pieces.len()).map(|p| sets.find(p)).collect()
 }
 
 fn sorted(a: Key, b: Key) -> (Key, Key) {

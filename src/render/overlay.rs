@@ -6,6 +6,7 @@
 
 use super::Lightmaps;
 use crate::base::Rgb;
+use crate::base::Sets;
 use crate::base::random::mix;
 use crate::base::random::unit_f32;
 use crate::scene::Scene;
@@ -130,21 +131,12 @@ pub(crate) fn median_density(scene: &Scene, lightmaps: &Lightmaps) -> f32 {
 
 /// Union of vertices that triangles connect; the smallest vertex stands for its chart.
 fn charts(scene: &Scene) -> Vec<u32> {
-    let mut parent: Vec<u32> = (0..scene.vertex_count() as u32).collect();
-    fn root(parent: &mut [u32], mut v: u32) -> u32 {
-        while parent[v as usize] != v {
-            parent[v as usize] = parent[parent[v as usize] as usize];
-            v = parent[v as usize];
-        }
-        v
-    }
+    let mut sets = Sets::new(scene.vertex_count());
     for [a, b, c] in (0..scene.triangle_count() as u32).map(|t| scene.triangle(t)) {
-        for (x, y) in [(a, b), (a, c)] {
-            let (x, y) = (root(&mut parent, x), root(&mut parent, y));
-            parent[x.max(y) as usize] = x.min(y);
-        }
+        sets.join(a as usize, b as usize);
+        sets.join(a as usize, c as usize);
     }
-    (0..parent.len() as u32).map(|v| root(&mut parent, v)).collect()
+    (0..scene.vertex_count()).map(|v| sets.find(v) as u32).collect()
 }
 
 #[cfg(test)]

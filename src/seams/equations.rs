@@ -21,6 +21,7 @@
 
 use crate::base::Progress;
 use crate::base::Rgb;
+use crate::base::Sets;
 use crate::base::nonnegative;
 use crate::base::parallel;
 use crate::finish::Lightmap;
@@ -149,37 +150,25 @@ type Part = (Vec<(u32, f64)>, Vec<Demand>);
 
 fn parts(keep: &[(u32, f64)], demands: Vec<Demand>) -> Vec<Part> {
     let unknown = |texel: u32| keep.partition_point(|k| k.0 < texel);
-    let mut parent: Vec<usize> = (0..keep.len()).collect();
+    let mut sets = Sets::new(keep.len());
     for demand in &demands {
         for &texel in &demand.texel[1..] {
-            let (a, b) = (root(&mut parent, unknown(demand.texel[0])), root(&mut parent, unknown(texel)));
-            parent[a.max(b)] = a.min(b);
+            sets.join(unknown(demand.texel[0]), unknown(texel));
         }
     }
-    let mut number = vec![usize::MAX; keep.len()];
+    let number = sets.numbers();
     let mut parts: Vec<Part> = vec![];
-    for (i, k) in keep.iter().enumerate() {
-        let root = root(&mut parent, i);
-        if number[root] == usize::MAX {
-            number[root] = parts.len();
+    for (k, &part) in keep.iter().zip(&number) {
+        if part as usize == parts.len() {
             parts.push((vec![], vec![]));
         }
-        parts[number[root]].0.push(*k);
+        parts[part as usize].0.push(*k);
     }
     for demand in demands {
-        let root = root(&mut parent, unknown(demand.texel[0]));
-        parts[number[root]].1.push(demand);
+        let part = number[unknown(demand.texel[0])];
+        parts[part as usize].1.push(demand);
     }
     parts
-}
-
-/// Representative of a set; halves the path to it.
-fn root(parent: &mut [usize], mut i: usize) -> usize {
-    while parent[i] != i {
-        parent[i] = parent[parent[i]];
-        i = parent[i];
-    }
-    i
 }
 
 impl Equations {
