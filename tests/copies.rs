@@ -16,7 +16,7 @@ use std::path::Path;
 use support::{blob, direction, point, stream};
 use texelwalk::base::Rgb;
 use texelwalk::scene::{Instances, Rule, Scene, Settings, Sky, load_bytes};
-use texelwalk::trace::{Hit, Ray, Tracer};
+use texelwalk::trace::{Closed, Hit, Ray, Tracer};
 use texelwalk::walk::Splat;
 
 /// A floor, a bumpy ball, and a leaf whose texture is half holes; the ball and the leaf are placed by `nodes`.
@@ -167,6 +167,7 @@ fn rays_meet_what_they_would_meet_if_every_copy_were_stored() {
     let b = forest(&odd_places(), true, 6);
     let [shared, stored] = both(&b, &[]);
     let plain = Tracer::new(&stored);
+    let closed = [Closed::new(&shared), Closed::new(&stored)];
     for tracer in [Tracer::new(&shared), Tracer::new(&shared).portable()] {
         assert_eq!(tracer.bounds(), plain.bounds());
         assert_eq!(tracer.triangle_count(), plain.triangle_count());
@@ -177,7 +178,7 @@ fn rays_meet_what_they_would_meet_if_every_copy_were_stored() {
                 |h: Option<Hit>| h.map(|h| (h.triangle, h.t.to_bits(), h.b.to_array().map(f32::to_bits), h.front));
             assert_eq!(whole(a), whole(b), "{ray:?}");
             assert_eq!(tracer.occluded(&ray), plain.occluded(&ray), "{ray:?}");
-            assert_eq!(tracer.leaves_solid(&ray), plain.leaves_solid(&ray), "{ray:?}");
+            assert_eq!(tracer.leaves_solid(&ray, &closed[0]), plain.leaves_solid(&ray, &closed[1]), "{ray:?}");
             let (low, high) = (ray.origin - 0.05, ray.origin + 0.02);
             let odd = |t: u32| t.is_multiple_of(3);
             let near = plain.any_within(low, high, odd);

@@ -6,7 +6,7 @@ mod support;
 use glam::{DMat3, DVec3, Vec2, Vec3};
 use support::{cuboid, direction, grid, place, scene_from_triangles, skew, stream};
 use texelwalk::base::Stream;
-use texelwalk::trace::{Ray, Tracer};
+use texelwalk::trace::{Closed, Ray, Tracer};
 
 /// Scales [m] and offsets: 1 mm to 1 km, and far from the world's origin.
 const PLACES: [(f64, f64); 5] = [(1e-3, 0.0), (1.0, 0.0), (1e3, 0.0), (1.0, 100.0), (1e3, 1e4)];
@@ -141,12 +141,12 @@ fn rays_leave_the_solid_that_they_begin_in_whatever_goes_through_it() {
     cuboid(DVec3::splat(-9.0), DVec3::splat(9.0), 1, true, &mut boxes);
     cuboid(DVec3::new(9.0, -9.0, -9.0), DVec3::new(27.0, 9.0, 9.0), 1, true, &mut boxes);
     let scene = scene_from_triangles(&boxes.iter().map(|t| t.map(|p| p.as_vec3())).collect::<Vec<_>>());
-    let tracer = Tracer::new(&scene);
+    let (tracer, closed) = (Tracer::new(&scene), Closed::new(&scene));
     let mut s = stream(11);
     for _ in 0..2000 {
         let direction = direction(&mut s).as_vec3();
         let leaves = |x: f32, y: f32, z: f32| {
-            tracer.leaves_solid(&Ray { origin: Vec3::new(x, y, z), direction, t_max: f32::INFINITY })
+            tracer.leaves_solid(&Ray { origin: Vec3::new(x, y, z), direction, t_max: f32::INFINITY }, &closed)
         };
         // In the one, in the other, in both.
         for inside in [leaves(0.4, 1.7, 0.6), leaves(1.5, 2.2, -1.6), leaves(0.4, 2.3, 0.6)] {
@@ -158,5 +158,32 @@ fn rays_leave_the_solid_that_they_begin_in_whatever_goes_through_it() {
         }
     }
     let nowhere = Ray { origin: Vec3::splat(0.4), direction: Vec3::ZERO, t_max: f32::INFINITY };
-    assert_eq!(tracer.leaves_solid(&nowhere), Some(false));
+    assert_eq!(tracer.leaves_solid(&nowhere, &closed), Some(false));
+}
+
+#[test]
+fn rays_leave_a_closed_solid_through_a_sheet_that_cuts_it() {
+    let mut faces = vec![];
+    cuboid(DVec3::new(0.0, -1.0, 0.0), DVec3::new(1.0, 4.0, 1.0), 2, false, &mut faces);
+    let wall = faces.len();
+    // The ground, seen from above.
+    let [a, b, c, d] = [[-9.0, -9.0], [-9.0, 9.0], [9.0, 9.0], [9.0, -9.0]].map(|[x, z]| DVec3::new(x, 0.0, z));
+    faces.extend([[a, b, c], [a, c, d]]);
+    let ask = |faces: &[[DVec3; 3]], origin: Vec3, direction: Vec3| {
+        let scene = scene_from_triangles(&faces.iter().map(|t| t.map(|p| p.as_vec3())).collect::<Vec<_>>());
+        let ray = Ray { origin, direction, t_max: f32::INFINITY };
+        Tracer::new(&scene).leaves_solid(&ray, &Closed::new(&scene))
+    };
+    let (within, beside) = (Vec3::new(0.4, 0.7, 0.6), Vec3::new(1.4, 0.7, 0.6));
+    let mut s = stream(12);
+    for _ in 0..300 {
+        let direction = direction(&mut s).as_vec3();
+        assert_eq!(ask(&faces, within, direction), Some(true), "{direction}");
+        assert_ne!(ask(&faces, beside, direction), Some(true), "{direction}");
+    }
+    // Without its lid it is no closed solid, and the ground and its foot cancel out.
+    faces.truncate(wall + 2);
+    let open: Vec<_> = faces.iter().filter(|t| t.iter().any(|p| p.y < 3.9)).copied().collect();
+    assert!(open.len() < faces.len());
+    assert_eq!(ask(&open, within, Vec3::new(0.01, -1.0, 0.02)), Some(false));
 }

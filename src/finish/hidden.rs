@@ -1,4 +1,4 @@
-//! Fills texels without exposed surface from the side that reads them.
+//! Fills texels that show no surface of their own from the side that reads them.
 //!
 //! In: patches, and pages whose borders are filled ([`fill`](super::fill())). Out: texels beside partly hidden ones hold
 //! the light of exactly the surface whose bilinear look-ups reach them (`Patches::unlit`).
@@ -7,7 +7,9 @@
 //! its neighbours would carry light from one side to the other. Of a wall two texels thick, a look-up from one side alone
 //! reaches any hidden texel: its weight there, integrated over the exposed surface around, says which side that is.
 //!
-//! Invariants: exposed texels stay as they are; a texel that no exposed surface reads stays as well; light that is
+//! An exposed texel behind a sheet is filled as well, if its neighbour on the front side ends at the sheet.
+//!
+//! Invariants: other exposed texels stay as they are; a texel that no exposed surface reads stays as well; light that is
 //! constant stays constant.
 
 use super::Lightmap;

@@ -6,17 +6,20 @@
 //! of 8 × 8 cells. Where we differ: cells are tested only where something stands near or over the texel's centre.
 //!
 //! A point is hidden when at least [`HIDDEN_HITS`] of [`PROBES`] rays over its hemisphere meet the back of single-sided
-//! surfaces, or more backs than fronts on their way out of the scene: it then lies in a solid. Sheets and double-sided surfaces hide nothing. A point of a single-sided surface
-//! is hidden too when another surface lies on it face to face, as the underside of a crate and the floor do.
+//! surfaces, or more backs than fronts on their way out of the scene: it then lies in a solid. Double-sided surfaces hide
+//! nothing, sheets with one side only what lies behind them in texels that have a part before them ([`behind`](super::behind)).
+//! A point of a single-sided surface is hidden too when another surface lies on it face to face, as the underside of a crate
+//! and the floor do.
 //!
 //! Limits: a floor that is closed in by single-sided surfaces which all face away from it counts as hidden. In a texel
 //! with many triangles, what lies on one that is not looked at may be missed.
 
+use super::behind::{self, is_behind};
 use super::cells::{MASK_GRID, cell_index};
 use super::{Patches, SurfacePoint};
 use crate::base::{Frame, Progress, parallel, warp};
 use crate::scene::Material;
-use crate::trace::{Ground, Ray, Tracer};
+use crate::trace::{Closed, Ground, Ray, Tracer};
 use glam::{DVec2, Vec2, Vec3};
 
 /// Rays per point. Fewer misjudge points near the mouth of a hollow.
@@ -27,7 +30,7 @@ const HIDDEN_HITS: u32 = 7;
 const LEAST_BACKS: u32 = 3;
 /// Height of the short rays that look for things standing on a texel, in texel edges: higher misses skirting boards,
 /// lower meets the surface itself where it is curved.
-const LOW: f32 = 0.06;
+pub(super) const LOW: f32 = 0.06;
 /// Length of these rays in texel edges: half a diagonal and a little.
 const REACH: f32 = 0.75;
 
@@ -57,6 +60,8 @@ const LEAST_EXPOSED: f32 = 0.04;
 struct Cell {
     area: f32,
     open: f32,
+    /// Of it, what does not lie behind a sheet.
+    before: f32,
     /// Points that were looked at.
     points: u32,
     /// Position times area [m³].
@@ -64,17 +69,29 @@ struct Cell {
 }
 
 /// What was found for one texel.
+#[derive(Default)]
 struct Found {
+    /// A sheet may stand within it or beside it.
+    walled: bool,
+    /// The rest means something.
+    partly: bool,
     mask: u64,
     exposed: f32,
     position: Vec3,
 }
 
-/// Sets mask, exposed share and centroid of every patch.
-pub(super) fn find(patches: &mut Patches, tracer: &Tracer<'_>, progress: &Progress) {
-    let found = parallel::map_watched(patches.front, progress, |i| texel(patches, tracer, i));
-    for (i, f) in found.into_iter().enumerate() {
-        let Some(f) = f else { continue };
+/// The solids of a scene.
+#[derive(Clone, Copy)]
+pub(super) struct Solids<'a> {
+    pub(super) tracer: &'a Tracer<'a>,
+    pub(super) closed: &'a Closed,
+}
+
+/// Sets mask, exposed share and centroid of every patch. Which front patches a sheet may stand within or beside.
+pub(super) fn find(patches: &mut Patches, solids: Solids<'_>, progress: &Progress) -> Vec<bool> {
+    let found = parallel::map_watched(patches.front, progress, |i| texel(patches, solids, i));
+    let walled = found.iter().map(|f| f.walled).collect();
+    for (i, f) in found.into_iter().enumerate().filter(|(_, f)| f.partly) {
         patches.mask[i] = f.mask;
         let back = patches.back_of[i];
         for patch in [Some(i), (back != super::NO_PATCH).then_some(back as usize)].into_iter().flatten() {
@@ -84,6 +101,7 @@ pub(super) fn find(patches: &mut Patches, tracer: &Tracer<'_>, progress: &Progre
             }
         }
     }
+    walled
 }
 
 impl Patches {
@@ -101,14 +119,19 @@ impl Patches {
     }
 }
 
-/// `None` for a texel that is fully exposed.
-fn texel(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> Option<Found> {
-    let center = patches.middle(tracer, patch)?;
-    let about = About::new(patches, tracer, patch);
-    if !is_hidden(tracer, center, about) && !is_crowded(patches, tracer, patch, about) {
-        return None;
+fn texel(patches: &Patches, solids: Solids<'_>, patch: usize) -> Found {
+    let tracer = solids.tracer;
+    let Some(center) = patches.middle(tracer, patch) else { return Found::default() };
+    let about = About::new(patches, solids, patch);
+    let near = near(patches, tracer, patch, about);
+    if near != Near::Within && !is_hidden(solids, center, about) {
+        return Found { walled: about.sheet && near == Near::Beside, ..Found::default() };
     }
-    let cells = cells(patches, tracer, patch, about);
+    let walled = Found { walled: about.sheet, ..Found::default() };
+    let mut cells = cells(patches, solids, patch, about);
+    if cells.iter().any(|cell| cell.before > 0.0) {
+        cells.iter_mut().for_each(|cell| cell.open = cell.before);
+    }
     let (mut mask, mut open, mut total, mut sum) = (0u64, 0.0f32, 0.0f32, Vec3::ZERO);
     for (k, cell) in cells.iter().enumerate() {
         total += cell.area;
@@ -120,18 +143,19 @@ fn texel(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> Option<Found> 
         }
     }
     if open >= total {
-        return None;
+        return walled;
     }
     if open < LEAST_EXPOSED * total {
-        return Some(Found { mask: 0, exposed: 0.0, position: Vec3::ZERO });
+        return Found { partly: true, ..walled };
     }
-    Some(Found { mask, exposed: open / total, position: sum / open.max(f32::MIN_POSITIVE) })
+    let position = sum / open.max(f32::MIN_POSITIVE);
+    Found { partly: true, mask, exposed: open / total, position, ..walled }
 }
 
 /// The surface in the cells of the mask.
 fn cells(
     patches: &Patches,
-    tracer: &Tracer<'_>,
+    solids: Solids<'_>,
     patch: usize,
     about: About,
 ) -> [Cell; (MASK_GRID * MASK_GRID) as usize] {
@@ -139,14 +163,21 @@ fn cells(
     for f in patches.fragments.range(patch) {
         patches.cell_centroids(patch, f, MASK_GRID, |point, centroid, area| {
             let cell = &mut cells[cell_index(centroid, MASK_GRID)];
-            let open = match cell.points {
-                MOST_POINTS.. => cell.open / cell.area.max(f32::MIN_POSITIVE),
-                _ => f32::from(u8::from(!is_hidden(tracer, point, about))),
+            let position = solids.tracer.scene().position(point.triangle, point.b);
+            let share = |part: f32| part / cell.area.max(f32::MIN_POSITIVE);
+            let (open, before) = match cell.points {
+                MOST_POINTS.. => (share(cell.open), share(cell.before)),
+                _ => {
+                    let open = !is_hidden(solids, point, about);
+                    let before = open && !(about.sheet && is_behind(patches, solids, patch, position));
+                    (f32::from(u8::from(open)), f32::from(u8::from(before)))
+                }
             };
             cell.points += 1;
             cell.area += area;
             cell.open += area * open;
-            cell.position += tracer.scene().position(point.triangle, point.b) * area;
+            cell.before += area * before;
+            cell.position += position * area;
         });
     }
     cells
@@ -159,13 +190,15 @@ struct About {
     any: bool,
     /// Something may lie on it face to face.
     faced: bool,
+    /// A sheet may stand within the texel or beside it: a surface with one side that does not close.
+    sheet: bool,
 }
 
 impl About {
     /// One look into a box, which costs less than a dozen rays: where nothing but the texel's own plane is near, they need
     /// not be traced. Texels that are not flat are not looked at.
-    fn new(patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> Self {
-        let unknown = Self { any: true, faced: true };
+    fn new(patches: &Patches, Solids { tracer, closed }: Solids<'_>, patch: usize) -> Self {
+        let unknown = Self { any: true, faced: true, sheet: true };
         let (scene, normal, position) = (tracer.scene(), patches.normal[patch], patches.position[patch]);
         let edge = patches.texel_edge(patch);
         let disc = (Vec3::ONE - normal * normal).max(Vec3::ZERO).map(f32::sqrt) * (REACH * edge);
@@ -184,29 +217,39 @@ impl About {
         }
         let (from, to) = tracer.bounds();
         let pad = Vec3::splat(PAD * from.abs().max(to.abs()).max_element());
-        let mut about = Self { any: false, faced: false };
+        let mut about = Self { any: false, faced: false, sheet: false };
         tracer.any_within(low - pad, high + pad, |t| {
             let facing = scene.geometric_normal(t).dot(normal);
             let off = scene.corners(t).map(|corner| (corner - position).dot(normal).abs());
             let own = facing > SAME_PLANE && off.into_iter().fold(0.0, f32::max) < FLAT * edge;
             about.any |= !own;
             about.faced |= facing < FACING;
-            about.any && about.faced
+            about.sheet |= !own && behind::is_sheet(scene, closed, t);
+            about.any && about.faced && about.sheet
         });
         about
     }
 }
 
-/// Something may stand within the texel, or a part of it lies on something. A wall at its border does not count.
-fn is_crowded(patches: &Patches, tracer: &Tracer<'_>, patch: usize, about: About) -> bool {
+/// What is near a texel.
+#[derive(Clone, Copy, PartialEq)]
+enum Near {
+    Nothing,
+    /// A wall at its border, or close to it.
+    Beside,
+    /// Something may stand within the texel, or a part of it lies on something.
+    Within,
+}
+
+fn near(patches: &Patches, tracer: &Tracer<'_>, patch: usize, about: About) -> Near {
     if !about.any {
-        return false;
+        return Near::Nothing;
     }
     for f in some_of(patches, patch) {
         let mut sealed = false;
         patches.cell_centroids(patch, f, 2, |point, _, _| sealed = sealed || is_sealed(tracer, point, about));
         if sealed {
-            return true;
+            return Near::Within;
         }
     }
     let edge = patches.texel_edge(patch);
@@ -223,7 +266,9 @@ fn is_crowded(patches: &Patches, tracer: &Tracer<'_>, patch: usize, about: About
         })
     });
     // What stands beside a texel may cover a strip of it, as a board does of the panel behind it.
-    stands_within || outline.is_some_and(|all| all.into_iter().any(|point| is_sealed(tracer, point, about)))
+    let Some(outline) = outline else { return Near::Nothing };
+    let covered = || outline.into_iter().any(|point| is_sealed(tracer, point, about));
+    if stands_within || covered() { Near::Within } else { Near::Beside }
 }
 
 /// Fragments of a patch that are looked at: all of them, or of many about [`MOST_LOOKS`].
@@ -262,21 +307,21 @@ fn is_sealed(tracer: &Tracer<'_>, point: SurfacePoint, about: About) -> bool {
 }
 
 /// A point of a front patch [texels from the texel's corner] is not hidden.
-pub(super) fn is_open(patches: &Patches, tracer: &Tracer<'_>, front: usize, within: DVec2) -> bool {
+pub(super) fn is_open(patches: &Patches, solids: Solids<'_>, front: usize, within: DVec2) -> bool {
     let outside = |f: usize| patches.map(patches.fragments.triangle(front, f), front).outside(within);
     let range = patches.fragments.range(front);
     let nearest = range.clone().fold(range.start, |best, f| if outside(f) < outside(best) { f } else { best });
     let point = patches.point_on(front, patches.fragments.triangle(front, nearest), within);
-    !is_hidden(tracer, point, About { any: true, faced: true })
+    !is_hidden(solids, point, About { any: true, faced: true, sheet: true })
 }
 
-fn is_hidden(tracer: &Tracer<'_>, point: SurfacePoint, about: About) -> bool {
-    is_sealed(tracer, point, about) || is_inside(tracer, point)
+fn is_hidden(solids: Solids<'_>, point: SurfacePoint, about: About) -> bool {
+    is_sealed(solids.tracer, point, about) || is_inside(solids, point)
 }
 
 /// The point lies in a solid. Rays inside one may first meet the front of another that goes through it, or of a floor
 /// that it stands on: then all that they meet is looked at, and rays that say nothing do not count.
-fn is_inside(tracer: &Tracer<'_>, point: SurfacePoint) -> bool {
+fn is_inside(Solids { tracer, closed }: Solids<'_>, point: SurfacePoint) -> bool {
     let scene = tracer.scene();
     let ground = Ground::new(scene.corners(point.triangle));
     let frame = Frame::from_normal(ground.normal());
@@ -302,7 +347,7 @@ fn is_inside(tracer: &Tracer<'_>, point: SurfacePoint) -> bool {
     }
     let (mut leave, mut stay) = (0, 0);
     for k in 0..PROBES {
-        match tracer.leaves_solid(&ray(k)) {
+        match tracer.leaves_solid(&ray(k), closed) {
             Some(true) => leave += 1,
             Some(false) => stay += 1,
             None => {}

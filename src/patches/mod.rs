@@ -1,8 +1,8 @@
 //! [`Atlas`] → [`Patches`] + [`PatchGraph`]: every texel that a triangle touches becomes a patch of the solver.
 //!
 //! A patch is the piece of surface that lies in one texel: exact area, centroid, normal and mean reflectance of its
-//! clipped polygons. Texels of double-sided and of translucent materials get a second patch for their back. Patches are numbered by page,
-//! row and column; all backs come after all fronts. Front is the side that the lightmap stores: where a double-sided chart
+//! clipped polygons. Texels of double-sided and of translucent materials get a second patch for their back. Patches are
+//! numbered by page, row and column; all backs come after all fronts. Front is the side that the lightmap stores: where a double-sided chart
 //! is turned (`turn`), that is the back of its triangles.
 //!
 //! Invariants (tests in `tests/patches.rs`): the areas of the front patches add up to the charted area; a texel has at
@@ -10,8 +10,10 @@
 //!
 //! Memory: about 120 bytes per patch here (structure of arrays), 60 more in the solver.
 //!
-//! Limits: a texel that is cut by a sheet without thickness belongs to both sides of it.
+//! Limits: a texel that is cut by a double-sided sheet without thickness belongs to both sides of it, of a single-sided one
+//! to the front.
 
+mod behind;
 mod cells;
 mod exposed;
 mod fragments;
@@ -34,7 +36,7 @@ pub use tilt::{Shine, Tilt, Tilts};
 use crate::atlas::Atlas;
 use crate::base::{Progress, Rgb, parallel};
 use crate::scene::Scene;
-use crate::trace::Tracer;
+use crate::trace::{Closed, Tracer};
 use fragments::Fragments;
 use glam::{Vec2, Vec3};
 use laid::Laid;
@@ -69,7 +71,7 @@ pub struct Patches {
     pub page_size: [u32; 2],
     /// Centroid of the exposed part of each front patch [texels from the texel's corner].
     pub centroid: Vec<Vec2>,
-    /// Texels without exposed surface beside others, and who reads them, by page, column and row.
+    /// Texels without exposed surface, or cut off by a sheet, beside others that read them, by page, column and row.
     pub unlit: Vec<Unlit>,
     /// Front patch of each back patch, by index − `front`.
     pub front_of: Vec<u32>,
@@ -99,9 +101,11 @@ impl Patches {
     #[must_use]
     pub fn new(tracer: &Tracer<'_>, atlas: &Atlas, progress: &Progress) -> Self {
         let mut patches = texel::patches(tracer.scene(), atlas);
-        exposed::find(&mut patches, tracer, progress);
+        let closed = Closed::new(tracer.scene());
+        let solids = exposed::Solids { tracer, closed: &closed };
+        let walled = exposed::find(&mut patches, solids, progress);
         patches.centroid = parallel::map(patches.front, |i| patches.centroid_of(i));
-        patches.unlit = readers::find(&patches, tracer, progress);
+        patches.unlit = readers::find(&patches, solids, &walled, progress);
         patches
     }
 

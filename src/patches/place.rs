@@ -145,6 +145,17 @@ impl Patches {
         SurfacePoint { triangle, b: self.map(triangle, front).weights(within) }
     }
 
+    /// What lies at a position on a page [texels]: front patch, and point of the first of its triangles that covers it.
+    #[must_use]
+    pub fn surface_at(&self, page: u32, uv: Vec2) -> Option<(usize, SurfacePoint)> {
+        let corner = uv.floor();
+        let front = self.front_at(page, corner.x as i32, corner.y as i32).filter(|_| uv.is_finite())?;
+        let within = (uv - corner).as_dvec2();
+        let covers = |t: &u32| self.map(*t, front).outside(within) <= 0.0;
+        let triangle = self.triangles(front).find(covers)?;
+        Some((front, self.point_on(front, triangle, within)))
+    }
+
     /// From the texel's coordinates to the weights of a triangle.
     pub(super) fn map(&self, triangle: u32, front: usize) -> Map {
         let (x, y) = self.texel_xy(front);

@@ -1,7 +1,9 @@
 //! Which exposed surface reads a texel that has none itself, as one under a wall: its bilinear look-ups reach the texel.
 //!
 //! In: patches and tracer. Out: for texels without exposed surface that are, or touch, a texel with hidden surface, the
-//! weights of their eight neighbours: that of the texel in their look-ups, integrated over their exposed surface.
+//! weights of their eight neighbours: that of the texel in their look-ups, integrated over their exposed surface. The same
+//! for exposed texels that lie behind a sheet as seen from neighbours that end at it ([`behind`](super::behind)): the foot
+//! of a wall below the ground is dark, is not to be seen, and half a texel of the wall above would show it.
 //!
 //! What is exposed is known by cells of a mask ([`exposed`](super::exposed)), so a look-up from beyond the middle of the
 //! last open cell is overlooked. Where nothing else reads a texel, that decides whose light it holds: of a wall exactly two
@@ -10,10 +12,11 @@
 //!
 //! Limits: walls thinner than two texels are read from both sides, turned by 45° against the texels those thinner than 2√2.
 
+use super::Patches;
+use super::behind::is_cut_off;
 use super::cells::MASK_GRID;
-use super::{Patches, exposed};
+use super::exposed::{self, Solids};
 use crate::base::{Progress, parallel};
-use crate::trace::Tracer;
 use glam::{DVec2, Vec2};
 
 /// Cells per side over which the weight of a whole texel is integrated.
@@ -23,7 +26,7 @@ const CELL: f64 = 1.0 / MASK_GRID as f64;
 /// Halvings of a cell: to a ten-thousandth of a texel.
 const HALVINGS: u32 = 10;
 
-/// A texel without exposed surface, and who reads it.
+/// A texel without exposed surface, or cut off from those who read it, and who they are.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Unlit {
     /// Page, column and row.
@@ -38,25 +41,33 @@ pub fn around() -> impl Iterator<Item = (i32, i32)> {
 }
 
 /// All such texels, by page, column and row.
-pub(super) fn find(patches: &Patches, tracer: &Tracer<'_>, progress: &Progress) -> Vec<Unlit> {
-    let texels = beside_hidden(patches);
-    parallel::map_watched(texels.len(), progress, |k| unlit(patches, tracer, texels[k]))
+pub(super) fn find(patches: &Patches, solids: Solids<'_>, walled: &[bool], progress: &Progress) -> Vec<Unlit> {
+    let mut texels = beside_hidden(patches);
+    texels.extend(cut_off(patches, solids, walled));
+    texels.sort_unstable();
+    texels.dedup();
+    parallel::map_watched(texels.len(), progress, |k| unlit(patches, solids, texels[k]))
 }
 
-fn unlit(patches: &Patches, tracer: &Tracer<'_>, texel: [u32; 3]) -> Unlit {
+fn unlit(patches: &Patches, solids: Solids<'_>, texel: [u32; 3]) -> Unlit {
     let [page, x, y] = texel;
     let own = patches.front_at(page, x as i32, y as i32);
     let mut neighbours = [None; 8];
     for (neighbour, (dx, dy)) in neighbours.iter_mut().zip(around()) {
-        let exposed =
-            |j: &usize| patches.exposed[*j] > 0.0 && own.is_none_or(|i| patches.chart(i) == patches.chart(*j));
+        let exposed = |j: &usize| {
+            let reads = |i: usize| {
+                let hidden = patches.exposed[i] <= 0.0;
+                patches.chart(i) == patches.chart(*j) && (hidden || is_cut_off(patches, solids, i, *j))
+            };
+            patches.exposed[*j] > 0.0 && own.is_none_or(reads)
+        };
         let offset = Vec2::new(dx as f32, dy as f32);
         *neighbour = patches.front_at(page, x as i32 + dx, y as i32 + dy).filter(exposed).map(|j| (j, offset));
     }
     let weigh = |by: &dyn Fn(usize, Vec2) -> f32| neighbours.map(|n| n.map_or(0.0, |(j, offset)| by(j, offset)));
     let mut weights = weigh(&|j, offset| read_by(patches, j, offset));
     if weights == [0.0; 8] {
-        weights = weigh(&|j, offset| barely_read_by(patches, tracer, j, offset.as_dvec2()));
+        weights = weigh(&|j, offset| barely_read_by(patches, solids, j, offset.as_dvec2()));
     }
     Unlit { texel, weights }
 }
@@ -75,9 +86,22 @@ fn beside_hidden(patches: &Patches) -> Vec<[u32; 3]> {
             }
         }
     }
-    texels.sort_unstable();
-    texels.dedup();
     texels
+}
+
+/// Exposed texels behind the sheet that their neighbour ends at.
+fn cut_off(patches: &Patches, solids: Solids<'_>, walled: &[bool]) -> Vec<[u32; 3]> {
+    let found = parallel::map(patches.front, |j| {
+        let (page, (x, y)) = (patches.page(j), patches.texel_xy(j));
+        let beyond = |(dx, dy): (i32, i32)| {
+            let i = patches.front_at(page, x as i32 + dx, y as i32 + dy)?;
+            let exposed = patches.exposed[i] > 0.0 && patches.chart(i) == patches.chart(j);
+            let [u, v] = [x.saturating_add_signed(dx), y.saturating_add_signed(dy)];
+            (exposed && is_cut_off(patches, solids, i, j)).then_some([page, u, v])
+        };
+        if walled[j] && patches.exposed[j] > 0.0 { around().filter_map(beyond).collect() } else { vec![] }
+    });
+    found.into_iter().flatten().collect()
 }
 
 /// Weight of a texel in the look-ups of the exposed surface of patch `j`, which lies at `offset` from it [texel²].
@@ -91,7 +115,7 @@ fn read_by(patches: &Patches, j: usize, offset: Vec2) -> f32 {
 }
 
 /// The same where cells say zero: the largest weight of any look-up, over a cell of the mask [texel²].
-fn barely_read_by(patches: &Patches, tracer: &Tracer<'_>, j: usize, offset: DVec2) -> f32 {
+fn barely_read_by(patches: &Patches, solids: Solids<'_>, j: usize, offset: DVec2) -> f32 {
     let mut middles = vec![];
     patches.cells(j, MASK_GRID, |_, within, _| {
         let within = within.as_dvec2();
@@ -101,7 +125,7 @@ fn barely_read_by(patches: &Patches, tracer: &Tracer<'_>, j: usize, offset: DVec
     });
     let is_open = |within: DVec2| {
         let inside = within.cmpge(DVec2::ZERO).all() && within.cmple(DVec2::ONE).all();
-        inside && exposed::is_open(patches, tracer, j, within)
+        inside && exposed::is_open(patches, solids, j, within)
     };
     let weight = |middle: DVec2| {
         let far = (0..2).fold(middle, |from, axis| outermost(from, -offset, axis, &is_open));

@@ -1,10 +1,11 @@
 //! [`Scene`] → [`Tracer`]: what a ray meets first, and whether two points see each other.
 //!
-//! `build` makes a hierarchy of eight boxes per node (cut by `split`), `copies` one per mesh that many parts share, `traverse` walks it with a `stack`, `triangle`
-//! decides watertightly what is met, `origin` finds starts of rays that never meet the surface they leave, `lift` those
-//! of rays that graze a smooth body made of facets. `crossings` are all that a ray crosses: `tint` knows from them what
-//! glass does to light, `solid` what the ray began in. `lanes` are the eight-fold numbers of all that, `machine` has
-//! their AVX2 kind, chosen once per [`Tracer`].
+//! `build` makes a hierarchy of eight boxes per node (cut by `split`), `copies` one per mesh that many parts share,
+//! `traverse` walks it with a `stack`, `triangle` decides watertightly what is met, `origin` finds starts of rays that
+//! never meet the surface they leave, `lift` those of rays that graze a smooth body made of facets. `crossings` are all
+//! that a ray crosses: `tint` knows from them what glass does to light, `solid` what the ray began in, for which `closed`
+//! knows what closes around a space. `lanes` are the eight-fold numbers of all that, `machine` has their AVX2 kind,
+//! chosen once per [`Tracer`].
 //!
 //! Invariants:
 //! * [`Tracer::closest_hit`] and [`Tracer::occluded`] accept exactly the same hits, so one is the other's existence;
@@ -17,6 +18,7 @@
 //! 2²⁴ of the ray's length count as equally far.
 
 mod build;
+mod closed;
 mod collapse;
 mod copies;
 mod crossings;
@@ -33,6 +35,7 @@ mod traverse;
 mod triangle;
 mod within;
 
+pub use closed::Closed;
 pub use lift::Lift;
 pub use origin::Ground;
 

@@ -7,9 +7,13 @@
 //! Double-sided and transparent surfaces do not count: they bound no solid. Where a back lies on a front, a wall may stand
 //! on a floor, and the ray began in the wall; or two rooms lie wall to wall, and it began in one of them.
 //!
-//! Limits: a sheet that goes through a solid, as the ground does through a wall, hides that a ray leaves it.
+//! A sheet that goes through a solid, as the ground does through a wall, hides that a ray leaves it. What closed surfaces
+//! say is said whatever the sheets do: walls that go into the ground sent rays through it, so 6 of 8 said nothing, and a
+//! millimetre from such walls 6 % of the light outside was seen inside.
+//!
+//! Limits: of solids that are not closed, a sheet hides what it goes through.
 
-use super::{Ray, Ray3, Tracer};
+use super::{Closed, Ray, Ray3, Tracer};
 
 /// Surfaces on the way of a ray from which on it says nothing: with a thousand faces in one plane, each of their texels
 /// took 5 ms, and one texel of all of them 11 s.
@@ -20,16 +24,21 @@ impl Tracer<'_> {
     /// number of them. `None` if faces that lie on each other decide it, or for [`MOST`] of them and more. `Some(false)` for
     /// rays without direction.
     #[must_use]
-    pub fn leaves_solid(&self, ray: &Ray) -> Option<bool> {
-        let mut met = vec![];
+    pub fn leaves_solid(&self, ray: &Ray, closed: &Closed) -> Option<bool> {
+        let (mut met, mut around) = (vec![], 0);
         self.each_crossed(&Ray3::from(ray), |c| {
             if !c.transparent && !self.scene.material(c.triangle).is_two_sided() {
-                met.push((c.t, if c.front { -1 } else { 1 }));
+                let side = if c.front { -1 } else { 1 };
+                around += if closed.holds(c.triangle) { side } else { 0 };
+                met.push((c.t, side));
             }
             met.len() < MOST
         });
         if met.len() == MOST {
             return None;
+        }
+        if around > 0 {
+            return Some(true);
         }
         let mut leaves = |order: i32| {
             met.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then((order * a.1).cmp(&(order * b.1))));

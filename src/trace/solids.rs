@@ -6,18 +6,17 @@
 //! begins inside, to its end where it ends inside. Any other part is a sheet: it takes what its material's thickness takes,
 //! at any angle, as viewers do that know nothing behind the surface.
 //!
-//! Closed means that every edge, told by the bits of its corners' positions, is passed as often in one direction as in the
-//! other. Solids that are inside out are turned. A ray through an edge may meet both of its triangles: an entry after an
-//! entry, and an exit after an exit, does not count.
+//! What is closed is told by `closed`. Solids that are inside out are turned. A ray through an edge may meet both of its
+//! triangles: an entry after an entry, and an exit after an exit, does not count.
 //!
 //! Limits: a solid must be one primitive; two bodies of one part that go through each other count as one from the first entry
 //! to the first exit.
 
+use super::closed::closes;
 use super::crossings::Crossed;
 use super::{Ray3, Tracer};
 use crate::base::Rgb;
 use crate::scene::{Part, Scene};
-use glam::Vec3;
 
 /// What a part is to light that passes it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -40,24 +39,13 @@ pub(super) fn bodies(scene: &Scene) -> Vec<Body> {
 }
 
 fn body(scene: &Scene, part: &Part) -> Body {
-    // Adding 0 makes one zero of both.
-    let key = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits);
-    let (mut edges, mut volume) = (vec![], 0.0f64);
-    for t in part.triangles.clone() {
-        let corners = scene.corners(t);
-        for k in 0..3 {
-            let (a, b) = (key(corners[k]), key(corners[(k + 1) % 3]));
-            if a != b {
-                edges.push(if a < b { (a, b, 1) } else { (b, a, -1) });
-            }
-        }
-        let [a, b, c] = corners.map(|p| p.as_dvec3());
-        volume += a.dot(b.cross(c));
-    }
-    edges.sort_unstable();
-    let same_edge = |a: &(_, _, i32), b: &(_, _, i32)| a.0 == b.0 && a.1 == b.1;
-    let closed = edges.chunk_by(same_edge).all(|edge| edge.iter().map(|e| e.2).sum::<i32>() == 0);
-    match (closed && volume != 0.0, volume < 0.0) {
+    let triangles: Vec<u32> = part.triangles.clone().collect();
+    let six_volumes = |t: &u32| {
+        let [a, b, c] = scene.corners(*t).map(|p| p.as_dvec3());
+        a.dot(b.cross(c))
+    };
+    let volume = triangles.iter().map(six_volumes).fold(0.0, |a, b| a + b);
+    match (volume != 0.0 && closes(scene, &triangles), volume < 0.0) {
         (false, _) => Body::Sheet,
         (true, false) => Body::Solid,
         (true, true) => Body::InsideOut,

@@ -57,15 +57,17 @@ impl Place {
     /// A box with outward fronts.
     pub(crate) fn solid(&mut self, name: &str, low: Vec3, high: Vec3) {
         let d = high - low;
+        // Every coordinate of a corner is one of `low` or of `far`, bit by bit, so that the sides close.
+        let far = low + d;
         let (x, y, z) = (Vec3::X * d.x, Vec3::Y * d.y, Vec3::Z * d.z);
         let rect = |corner, u, v| Rect { corner, u, v };
         let sides = [
             rect(low, z, y),
             rect(low, x, z),
             rect(low, y, x),
-            rect(high, -y, -z),
-            rect(high, -z, -x),
-            rect(high, -x, -y),
+            rect(low.with_x(far.x), y, z),
+            rect(low.with_y(far.y), z, x),
+            rect(low.with_z(far.z), x, y),
         ];
         self.things.push((name.to_owned(), sides.to_vec()));
         for (x, z) in [(low.x, low.z), (low.x, high.z), (high.x, low.z), (high.x, high.z)] {
