@@ -15,6 +15,7 @@ use crate::atlas::Layout;
 use crate::atlas::NO_CHART;
 use crate::base::parallel;
 use crate::patches::Patches;
+use crate::patches::SurfacePoint;
 use crate::scene::Scene;
 use glam::DVec3;
 use glam::Vec2;
@@ -33,7 +34,8 @@ pub(super) struct Edge {
     triangle: u32,
     /// Corners of the triangle: from, to, and the one opposite.
     corner: [u8; 3],
-    /// Page that it lies on.
+    /// Chart and page that it lies on.
+    chart: u32,
     pub(super) page: u32,
     /// Its lightmap stores the back.
     turned: bool,
@@ -113,6 +115,20 @@ impl<'a> Borders<'a> {
         (0..3).filter(move |side| sides >> side & 1 == 1).map(move |side| self.edge(part, k, side))
     }
 
+    /// A point of the chart next to that at part `t` in [0, 1] of the way. Beyond the edge's own triangle if that is
+    /// flatter: along cuts lie some of a micrometre, which do not say on which side of the cut their chart is.
+    pub(super) fn inside(&self, edge: &Edge, t: f32) -> Place {
+        let [a, b, apex] = edge.uv;
+        let inward = (b - a).perp() * (b - a).perp_dot(apex - a).signum() / edge.length();
+        let uv = a.lerp(b, t) + inward * INSET;
+        let found =
+            self.patches.surface_at(edge.page, uv).filter(|(front, _)| self.patches.chart(*front) == edge.chart);
+        match found {
+            Some((_, SurfacePoint { triangle, b })) => edge.on(self.scene, triangle, b, uv),
+            None => edge.place(self.scene, t, (INSET / edge.height()).min(MOST_INSET)),
+        }
+    }
+
     /// A side of a part's triangle.
     fn edge(&self, part: usize, k: u32, side: u8) -> Edge {
         let charted = &self.atlas.parts[part];
@@ -124,6 +140,7 @@ impl<'a> Borders<'a> {
         Edge {
             triangle,
             corner,
+            chart,
             page: self.atlas.charts[chart as usize].page,
             turned: self.patches.is_turned_chart(chart),
             uv: corner.map(|c| charted.uv(vertices[c as usize])),
@@ -197,13 +214,6 @@ impl Edge {
         self.place(scene, t, 0.0)
     }
 
-    /// A point next to that one, inside the triangle.
-    pub(super) fn inside(&self, scene: &Scene, t: f32) -> Place {
-        let [a, b, apex] = self.uv;
-        let height = (b - a).perp_dot(apex - a).abs() / self.length();
-        self.place(scene, t, (INSET / height.max(f32::MIN_POSITIVE)).min(MOST_INSET))
-    }
-
     /// At part `t` of the way, then part `up` of the way to the opposite corner.
     fn place(&self, scene: &Scene, t: f32, up: f32) -> Place {
         let along = [(1.0 - t) * (1.0 - up), t * (1.0 - up), up];
@@ -213,13 +223,23 @@ impl Edge {
             weights[corner as usize] = *weight;
             uv += corner_uv * *weight;
         }
-        let b = Vec2::new(weights[1], weights[2]);
-        let normal = scene.shading_normal(self.triangle, b);
+        self.on(scene, self.triangle, Vec2::new(weights[1], weights[2]), uv)
+    }
+
+    /// A point of a triangle of its chart.
+    fn on(&self, scene: &Scene, triangle: u32, b: Vec2, uv: Vec2) -> Place {
+        let normal = scene.shading_normal(triangle, b);
         Place {
             page: self.page,
             uv,
-            position: scene.position(self.triangle, b),
+            position: scene.position(triangle, b),
             normal: if self.turned { -normal } else { normal },
         }
+    }
+
+    /// Of its triangle over it [texels].
+    fn height(&self) -> f32 {
+        let [a, b, apex] = self.uv;
+        ((b - a).perp_dot(apex - a).abs() / self.length()).max(f32::MIN_POSITIVE)
     }
 }

@@ -156,9 +156,9 @@ fn rows(
         if partners.is_empty() {
             continue;
         }
-        let (own, inside) = (edge.at(scene, t), edge.inside(scene, t));
+        let (own, inside) = (edge.at(scene, t), borders.inside(&edge, t));
         for (other, s) in partners.iter().take(MOST_PARTNERS) {
-            let [there, there_inside] = [other.at(scene, *s), other.inside(scene, *s)];
+            let [there, there_inside] = [other.at(scene, *s), borders.inside(other, *s)];
             let same = own.page == there.page && own.uv.distance(there.uv) < SAME;
             let texel = edge.texel().min(other.texel()) as f32;
             let on = own.normal.dot(there.normal) >= COS_FACING;
