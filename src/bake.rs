@@ -204,6 +204,7 @@ fn load(input: &Path, settings: &Settings) -> Result<Warned<Scene>, scene::Error
         instances: settings.scene_instances(),
         share_from: None,
         variant: settings.variant.clone(),
+        normal_maps: settings.normal_maps,
         albedo_density: Some(settings.texels_per_meter),
         memory_limit: settings.memory_limit,
     };

@@ -161,6 +161,16 @@ pub struct Options {
     /// How direct light is found
     #[arg(long, value_enum, value_name = "MODE", help_heading = "Solver")]
     pub direct: Option<DirectMode>,
+    /// Normal maps bend the normals that light falls on, for engines that show the lightmap without them [default: false]
+    #[arg(
+        long,
+        value_name = "BOOL",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "true",
+        help_heading = "Solver"
+    )]
+    pub normal_maps: Option<bool>,
     /// Shadow rays per texel to lights and surfaces, to sky and environment, and to each sun with a size; more in
     /// penumbrae
     #[arg(long, value_name = "N", help_heading = "Solver")]
@@ -302,6 +312,9 @@ pub struct Settings {
     pub beta: f32,
     /// How direct light is found.
     pub direct: DirectMode,
+    /// Normal maps bend the normals that light falls on.
+    #[serde(skip_serializing_if = "core::ops::Not::not")]
+    pub normal_maps: bool,
     /// Shadow rays per texel and kind of light.
     pub direct_samples: u32,
     /// Lines of the walk; overrides `lines_per_texel`.
@@ -409,6 +422,7 @@ impl Options {
             alpha,
             beta,
             direct,
+            normal_maps,
             direct_samples,
             lines,
             lines_per_texel,
@@ -468,6 +482,7 @@ impl Options {
             alpha: within("--alpha", self.alpha.unwrap_or(5.0), 0.0, 100.0)?,
             beta: within("--beta", self.beta.unwrap_or(15.0), 0.0, 100.0)?,
             direct: self.direct.unwrap_or(DirectMode::Gather),
+            normal_maps: self.normal_maps.unwrap_or(false),
             direct_samples: within("--direct-samples", self.direct_samples.unwrap_or(16), 1, 65_536)?,
             lines: self.lines.map(|n| within("--lines", n, 1, 1 << 32)).transpose()?,
             lines_per_texel: within("--lines-per-texel", self.lines_per_texel.unwrap_or(32.0), 1e-3, 1e6)?,

@@ -71,6 +71,7 @@ pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
         rules: settings.rules.clone(),
         variant: settings.variant.clone(),
         instances: settings.scene_instances(),
+        normal_maps: settings.normal_maps,
         albedo_density: Some(settings.texels_per_meter),
         ..scene::Settings::default()
     };

@@ -3,7 +3,7 @@
 //! Each light is evaluated at the centroids of 2 × 2 cells of the texel, which is exact for linear functions. A light
 //! is cut by an edge where the cells do not agree on it, and where a neighbouring texel's cells all say the opposite:
 //! then the edge runs between the centroids of the two, and takes up to a quarter of either. Edges are left to the
-//! samples.
+//! samples, and so is all light on normal maps, which change faster than cells.
 
 use super::lit::Lit;
 use super::look::Look;
@@ -53,12 +53,13 @@ pub(super) fn hard<'a>(look: &(impl Fn() -> Look<'a> + Sync), neighbors: &Neighb
         let (irradiance, slope, edges) = (vec![Rgb::ZERO; n], vec![Vec2::ZERO; n], vec![0; n]);
         return Hard { irradiance, vectors: vectors(&|_| LightVector::default()), slope, edges, rays: 0 };
     }
+    let all = u64::MAX >> (64 - look().emitters.hard.len());
     let first = parallel::map_watched(n, progress, |i| cells(&mut look(), i, u64::MAX));
     let edges = parallel::map(n, |i| {
         let own = &first[i];
         let mut edges = own.any ^ own.all;
         neighbors.of(i, |j| edges |= (own.all & !first[j].any) | (first[j].all & !own.any));
-        edges
+        if look().has_relief(i) { all } else { edges }
     });
     let again = parallel::map(n, |i| if edges[i] == 0 { first[i] } else { cells(&mut look(), i, !edges[i]) });
     let rays: u64 = (0..n).map(|i| first[i].rays + if edges[i] == 0 { 0 } else { again[i].rays }).sum();

@@ -1,6 +1,6 @@
 //! One look at the light from a point of a texel: shadow rays, each worth what it brings over its probability.
 //!
-//! cos θ is taken with the shading normal. What is below the triangle itself is dark, unless the triangle is a facet of
+//! cos θ is taken with the shading normal, bent by a normal map if there is one. What is below the triangle itself is dark, unless the triangle is a facet of
 //! something smooth: then it is looked at over the smooth surface, and what is at a finite distance is seen from there
 //! (`trace::Lift`). Rays that find out whether that is free are not counted.
 
@@ -40,12 +40,15 @@ pub(super) struct Look<'a> {
     pub(super) directional: bool,
     /// Something is at a finite distance.
     finite: bool,
+    /// Some surface has a normal map.
+    relief: bool,
     pub(super) rays: u64,
 }
 
 impl<'a> Look<'a> {
     pub(super) fn new(tracer: &'a Tracer<'a>, patches: &'a Patches, emitters: &'a Emitters, directional: bool) -> Self {
-        Self { tracer, patches, emitters, directional, finite: emitters.any_finite(), rays: 0 }
+        let relief = tracer.scene().materials.iter().any(|material| material.normal_map.is_some());
+        Self { tracer, patches, emitters, directional, finite: emitters.any_finite(), relief, rays: 0 }
     }
 
     pub(super) fn patch_surface(&self, patch: usize) -> PatchSurface<'a> {
@@ -66,7 +69,7 @@ impl<'a> Look<'a> {
             lift: Lift::new(scene, point.triangle, geometric),
             b: point.b,
             position: scene.position(point.triangle, point.b),
-            normal: scene.shading_normal_over(point.triangle, point.b, ground.normal()) * sign,
+            normal: scene.relief_normal_over(point.triangle, point.b, ground.normal()) * sign,
             geometric,
         })
     }
@@ -103,6 +106,11 @@ impl<'a> Look<'a> {
         Some((cosine, origin))
     }
 
+    /// A normal map bends the normals of a texel, from point to point.
+    pub(super) fn has_relief(&self, patch: usize) -> bool {
+        self.relief && self.patches.triangles(self.patches.front_patch(patch)).any(|t| self.scene().has_relief(t))
+    }
+
     /// The texel as the choice among emitters sees it.
     pub(super) fn site(&self, patch: usize) -> Site {
         let mut points = Vec::with_capacity(8);
@@ -111,7 +119,8 @@ impl<'a> Look<'a> {
             points.push((place.position, place.normal));
         });
         let (position, normal) = (self.patches.position[patch], self.patches.normal[patch]);
-        Site::new(position, normal, self.patches.texel_edge(patch), &points)
+        let site = Site::new(position, normal, self.patches.texel_edge(patch), &points);
+        Site { flat: site.flat && !self.has_relief(patch), ..site }
     }
 
     /// Irradiance from a unit direction, of which the final gather finds `gathered`, too.

@@ -61,7 +61,7 @@ struct Fragment {
     lift: Option<Lift>,
     /// Geometric normal on the patch's side.
     normal: Vec3,
-    /// Around that normal; `None` where the surface is shaded smoothly.
+    /// Around that normal; `None` where the surface is shaded smoothly or has a normal map.
     frame: Option<Frame>,
 }
 
@@ -121,7 +121,7 @@ impl<'a> PatchSurface<'a> {
                 ground,
                 lift: Lift::new(scene, triangle, normal),
                 normal,
-                frame: scene.part(triangle).flat.then(|| Frame::from_normal(normal)),
+                frame: (scene.part(triangle).flat && !scene.has_relief(triangle)).then(|| Frame::from_normal(normal)),
             }
         };
         let fragments: Vec<_> = patches.fragments.range(front).map(fragment).collect();
@@ -210,13 +210,13 @@ impl<'a> PatchSurface<'a> {
         fragment.frame.unwrap_or_else(|| Frame::from_normal(fragment.normal))
     }
 
-    /// A frame around the shading normal, on the patch's side.
+    /// A frame around the normal that light falls on, on the patch's side.
     #[must_use]
     pub fn shading_frame(&self, spot: &Spot) -> Frame {
         let fragment = &self.fragments[spot.fragment];
         fragment.frame.unwrap_or_else(|| {
             let SurfacePoint { triangle, b } = spot.point;
-            let normal = self.tracer.scene().shading_normal_over(triangle, b, fragment.ground.normal());
+            let normal = self.tracer.scene().relief_normal_over(triangle, b, fragment.ground.normal());
             Frame::from_normal(if self.back { -normal } else { normal })
         })
     }

@@ -46,6 +46,8 @@ pub struct Settings {
     pub share_from: Option<usize>,
     /// Name of the variant whose materials are taken; `None` = those of the primitives themselves.
     pub variant: Option<String>,
+    /// Normal maps bend the normals that light falls on.
+    pub normal_maps: bool,
     /// Texels per metre that diffuse reflectance is wanted for: images that serve nothing else are scaled down to a
     /// quarter of a texel. `None` = all images stay as they are.
     pub albedo_density: Option<f32>,
@@ -85,7 +87,7 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
     document.decompress_primitives()?;
     document.expand_instances()?;
     let mut walk = nodes::walk(&document.root, settings.scene, &mut warnings)?;
-    let mut materials = material::read(&document.root, &mut warnings)?;
+    let mut materials = material::read(&document.root, settings.normal_maps, &mut warnings)?;
     let mut footprint = Footprint::of_document(&document);
     let mut geometry = geometry::read(&document, &mut walk, &materials, settings, &mut footprint, &mut warnings)?;
     if geometry.triangles.is_empty() {
@@ -111,6 +113,7 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         material.transmission_texture = None;
         material.volume = None;
         material.translucency = None;
+        material.normal_map = None;
     }
     let coarse =
         settings.albedo_density.map(|density| reduce::uses(&geometry, &materials, density)).unwrap_or_default();

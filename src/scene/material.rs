@@ -21,6 +21,7 @@ use glam::Affine2;
 use glam::Mat2;
 use glam::Vec2;
 use glam::Vec4;
+use serde::Deserialize;
 
 /// A glTF material, reduced to what a diffuse bake uses. Factors are linear.
 #[derive(Debug, Clone)]
@@ -51,6 +52,8 @@ pub struct Material {
     pub emission: Rgb,
     /// Multiplies `emission` (sRGB encoded).
     pub emission_texture: Option<TextureRef>,
+    /// Bends the normal that light falls on; only where that is wanted.
+    pub normal_map: Option<NormalMap>,
     /// What alpha does.
     pub alpha: Alpha,
     /// Both sides are lit; otherwise the back absorbs.
@@ -59,6 +62,15 @@ pub struct Material {
     pub unlit: bool,
     /// Index into `Vertices::uv` that `MOZ_lightmap` reads.
     pub lightmap_uv_set: Option<usize>,
+}
+
+/// A normal map.
+#[derive(Debug, Clone, Copy)]
+pub struct NormalMap {
+    /// Normals as colours (linear).
+    pub texture: TextureRef,
+    /// Multiplies red and green; any finite number.
+    pub scale: f32,
 }
 
 /// `KHR_materials_diffuse_transmission`.
@@ -109,10 +121,10 @@ impl Material {
         self.double_sided || self.translucency.is_some()
     }
 
-    /// A texture makes it differ from point to point.
+    /// A texture makes what it does with light differ from point to point.
     #[must_use]
     pub fn varies(&self) -> bool {
-        self.textures().next().is_some()
+        self.textures().count() > usize::from(self.normal_map.is_some())
     }
 
     /// It sends out light; where, its texture says.
@@ -127,7 +139,7 @@ impl Material {
         let through = self.translucency.iter().flat_map(|t| [&t.factor_texture, &t.color_texture]);
         let inside = self.volume.iter().map(|v| &v.thickness_texture);
         let all = color.into_iter().chain([&self.specular_texture, &self.transmission_texture]);
-        all.chain(through).chain(inside).flatten()
+        all.chain(through).chain(inside).flatten().chain(self.normal_map.iter().map(|map| &map.texture))
     }
 
     /// The texture coordinates that it uses.
@@ -137,13 +149,17 @@ impl Material {
 }
 
 /// All materials of the document, then the default one. Textures that cannot matter are left out: their factor is zero,
-/// or the material is unlit (its base colour stays, for pictures of it).
-pub(super) fn read(root: &Root, warnings: &mut Vec<Warning>) -> Result<Vec<Material>, Error> {
+/// or the material is unlit (its base colour stays, for pictures of it). Normal maps are read if they are wanted.
+pub(super) fn read(root: &Root, normal_maps: bool, warnings: &mut Vec<Warning>) -> Result<Vec<Material>, Error> {
     let mut materials = Vec::with_capacity(root.materials.len() + 1);
     for (index, entry) in root.materials.iter().enumerate() {
         let name = label(entry.name.as_deref(), "material", index);
         let context = format!("material {index} \"{name}\"");
-        materials.push(convert(entry, name, root, warnings).map_err(|e| e.within(&context))?);
+        let mut material = convert(entry, name, root, warnings).map_err(|e| e.within(&context))?;
+        if normal_maps && !material.unlit {
+            material.normal_map = normal_map(entry, root).map_err(|e| e.within(&context))?;
+        }
+        materials.push(material);
     }
     materials.push(convert(&MaterialEntry::default(), "default material".to_owned(), root, warnings)?);
     Ok(materials)
@@ -221,11 +237,27 @@ fn convert(entry: &MaterialEntry, name: String, root: &Root, warnings: &mut Vec<
         })?,
         emission,
         emission_texture: texture(&entry.emissive_texture, emission != Rgb::ZERO && !unlit)?,
+        normal_map: None,
         alpha,
         double_sided: entry.double_sided,
         unlit,
         lightmap_uv_set: entry.extensions.lightmap.as_ref().map(|l| l.tex_coord).filter(|&set| set < MAX_UV_SETS),
     })
+}
+
+fn normal_map(entry: &MaterialEntry, root: &Root) -> Result<Option<NormalMap>, Error> {
+    let Some(value) = &entry.normal_texture else { return Ok(None) };
+    let wrong = |why: &str| Error::invalid(format!("its normalTexture is wrong: {why}"));
+    let info = TextureInfo::deserialize(value).map_err(|e| wrong(&e.to_string()))?;
+    let scale = match value.get("scale") {
+        None => 1.0,
+        Some(scale) => scale.as_f64().ok_or_else(|| wrong("its scale is no number"))? as f32,
+    };
+    if !scale.is_finite() {
+        return Err(wrong("its scale is not finite"));
+    }
+    let texture = texture_ref(&info, root)?;
+    Ok((scale != 0.0).then_some(NormalMap { texture, scale }))
 }
 
 fn in_unit(value: f32) -> bool {

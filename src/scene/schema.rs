@@ -291,6 +291,8 @@ pub struct MaterialEntry {
     pub pbr_metallic_roughness: Pbr,
     pub emissive_factor: [f32; 3],
     pub emissive_texture: Option<TextureInfo>,
+    /// Read where it is wanted: what is wrong with it does not matter elsewhere.
+    pub normal_texture: Option<Value>,
     pub alpha_mode: String,
     pub alpha_cutoff: f32,
     pub double_sided: bool,
@@ -305,6 +307,7 @@ impl Default for MaterialEntry {
             pbr_metallic_roughness: Pbr::default(),
             emissive_factor: [0.0; 3],
             emissive_texture: None,
+            normal_texture: None,
             alpha_mode: "OPAQUE".to_owned(),
             alpha_cutoff: 0.5,
             double_sided: false,

@@ -226,6 +226,12 @@ impl Scene {
         let [a, c, d] = self.stored_corners(triangle).0.map(|v| set[v as usize]);
         r.transform.transform_point2(a + (c - a) * b.x + (d - a) * b.y)
     }
+
+    /// Coordinates of a texture at the corners of a triangle.
+    pub(super) fn corner_uvs(&self, triangle: u32, r: &TextureRef) -> [Vec2; 3] {
+        let set = &self.vertices.uv[r.uv_set];
+        self.stored_corners(triangle).0.map(|v| r.transform.transform_point2(set[v as usize]))
+    }
 }
 
 fn mix(v: [Vec3; 3], b: Vec2) -> Vec3 {

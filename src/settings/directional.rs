@@ -1,4 +1,4 @@
-//! What `--directional` and `--ao-distance` need of other options.
+//! What `--directional`, `--normal-maps` and `--ao-distance` need of other options.
 
 use super::{Aov, DirectMode, Directional, Invalid, Settings};
 
@@ -24,6 +24,14 @@ impl Settings {
             let why = "--directional needs rays that know where light comes from: --gather above 0 and --direct gather";
             return Err(Invalid(why.into()));
         }
+        if self.normal_maps && self.is_directional() {
+            let why =
+                "--normal-maps and --directional exclude each other: engines apply normal maps to directional pages";
+            return Err(Invalid(why.into()));
+        }
+        if self.normal_maps && self.direct == DirectMode::Shoot {
+            return Err(Invalid("--normal-maps needs rays from the surface: --direct gather".into()));
+        }
         if self.ao_distance.is_some() && !self.wants_openness() {
             return Err(Invalid("--ao-distance needs --aov ao or bent".into()));
         }
@@ -42,6 +50,8 @@ mod tests {
         assert!(wrong("directional = \"sh\"\ngather = 0").contains("--gather above 0"));
         assert!(wrong("directional = \"dominant\"\ndirect = \"shoot\"").contains("--direct gather"));
         assert_eq!(wrong("directional = \"sh\"\ntarget = \"vertex\""), "--directional needs --target lightmap");
+        assert!(wrong("directional = \"sh\"\nnormal-maps = true").contains("exclude each other"));
+        assert!(wrong("direct = \"shoot\"\nnormal-maps = true").contains("--direct gather"));
         assert_eq!(wrong("ao-distance = 2"), "--ao-distance needs --aov ao or bent");
         for bad in ["0", "-1", "nan"] {
             assert!(wrong(&format!("aov = [\"ao\"]\nao-distance = {bad}")).contains("--ao-distance"));

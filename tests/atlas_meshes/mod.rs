@@ -292,5 +292,6 @@ fn material() -> Material {
         double_sided: false,
         unlit: false,
         lightmap_uv_set: None,
+        normal_map: None,
     }
 }

@@ -156,7 +156,8 @@ fn documents() -> Vec<Document> {
 /// A square with a picture on it.
 pub(crate) fn textured(image: &[u8]) -> Builder {
     let mut b = Builder::square(json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}},
-        "emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 0}, "alphaMode": "BLEND", "doubleSided": true}));
+        "emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 0}, "normalTexture": {"index": 0, "scale": 0.7}, "alphaMode": "BLEND",
+        "doubleSided": true}));
     let view = b.view(image, json!({}));
     let image = b.push("images", json!({"bufferView": view, "mimeType": "image/png"}));
     b.push("textures", json!({"source": image}));

@@ -75,7 +75,7 @@ fn with_data_uri(document: &Document) -> Vec<u8> {
 fn load(bytes: &[u8]) -> Option<Scene> {
     // A variant is asked for where a document says its name, in whatever place.
     let variant = bytes.windows(7).any(|w| w == b"\"night\"").then(|| "night".to_owned());
-    let how = scene::Settings { variant, ..scene::Settings::default() };
+    let how = scene::Settings { variant, normal_maps: true, ..scene::Settings::default() };
     match scene::load_bytes(bytes.to_vec(), Path::new("/nowhere/a.gltf"), &how) {
         Ok(loaded) => Some(loaded.output),
         Err(error) => {

@@ -36,6 +36,7 @@ const NONE: Settings = Settings {
     instances: scene::Instances::Unique,
     share_from: None,
     variant: None,
+    normal_maps: false,
     albedo_density: None,
     memory_limit: None,
 };
