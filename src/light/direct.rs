@@ -91,7 +91,8 @@ pub fn direct(
     settings: &Settings,
     progress: &Progress,
 ) -> Direct {
-    let look = || Look::new(tracer, patches, emitters, settings.directional);
+    let unused = Look::new(tracer, patches, emitters, settings.directional);
+    let look = || unused.clone();
     let neighbors = Neighbors::new(patches);
     let hard = hard::hard(&look, &neighbors, progress);
     let mut rays = hard.rays;

@@ -1,8 +1,8 @@
 //! One look at the light from a point of a texel: shadow rays, each worth what it brings over its probability.
 //!
-//! cos θ is taken with the shading normal, bent by a normal map if there is one. What is below the triangle itself is dark, unless the triangle is a facet of
-//! something smooth: then it is looked at over the smooth surface, and what is at a finite distance is seen from there
-//! (`trace::Lift`). Rays that find out whether that is free are not counted.
+//! cos θ is taken with the shading normal, bent by a normal map if there is one. What is below the triangle itself is
+//! dark, unless the triangle is a facet of something smooth: then it is looked at over the smooth surface, and what is
+//! at a finite distance is seen from there (`trace::Lift`). Rays that find out whether that is free are not counted.
 
 use super::Emitters;
 use super::emitters::Leaf;
@@ -32,6 +32,7 @@ pub(super) struct Place {
 }
 
 /// What is looked at, and a count of the shadow rays.
+#[derive(Clone)]
 pub(super) struct Look<'a> {
     tracer: &'a Tracer<'a>,
     pub(super) patches: &'a Patches,

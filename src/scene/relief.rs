@@ -34,7 +34,7 @@ impl Scene {
 
     fn bent(&self, map: &NormalMap, triangle: u32, b: Vec2, n: Vec3) -> Option<Vec3> {
         let uv = self.corner_uvs(triangle, &map.texture);
-        let at = uv[0] * (1.0 - b.x - b.y) + uv[1] * b.x + uv[2] * b.y;
+        let at = self.texture_uv(triangle, b, &map.texture);
         let texel = self.textures[map.texture.texture].sample_linear(at).truncate() * 2.0 - 1.0;
         let [p, q, r] = self.corners(triangle);
         let (e1, e2, d1, d2) = (q - p, r - p, uv[1] - uv[0], uv[2] - uv[0]);

@@ -221,7 +221,8 @@ impl Scene {
         color
     }
 
-    fn texture_uv(&self, triangle: u32, b: Vec2, r: &TextureRef) -> Vec2 {
+    /// Coordinates of a texture at a point of a triangle.
+    pub(super) fn texture_uv(&self, triangle: u32, b: Vec2, r: &TextureRef) -> Vec2 {
         let set = &self.vertices.uv[r.uv_set];
         let [a, c, d] = self.stored_corners(triangle).0.map(|v| set[v as usize]);
         r.transform.transform_point2(a + (c - a) * b.x + (d - a) * b.y)
