@@ -14,7 +14,8 @@ Start here:
 Exit codes: 0 ok, 1 bake failed, 2 usage, 3 input invalid or unsupported, 4 file system,
 5 warnings under --strict, 7 compare found a difference or check a fault, 130 interrupted.";
 
-/// Bakes diffuse global illumination into lightmaps or vertex colours for glTF assets: no GPU, no window, the same bytes every time.
+/// Bakes diffuse global illumination into lightmaps or vertex colours for glTF assets: no GPU, no window, the same
+/// bytes every time.
 #[derive(Debug, Parser)]
 #[command(name = "texelwalk", version, after_help = AFTER_HELP, max_term_width = 100)]
 pub struct Cli {

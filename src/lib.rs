@@ -18,9 +18,9 @@
 //! [`finish`] shares noisy light between neighbours, and fills pages beyond their charts; [`seams`] makes the two sides of
 //! borders between charts agree. [`vertices`] fits light at the
 //! vertices to the pages, where that is what is wanted. [`output`] turns results into bytes
-//! and puts them on the disk together; [`html`] is a page about the bake for people. [`memory`] says what a bake takes of it. [`mod@inspect`], [`mod@compare`],
-//! [`mod@render`] and [`mod@check`] look at inputs and results.
-//! [`settings`] says what the options of [`cli`] mean.
+//! and puts them on the disk together; [`html`] is a page about the bake for people. [`memory`] says what a bake takes
+//! of it. [`mod@inspect`], [`mod@compare`], [`mod@render`] and [`mod@check`] look at inputs and results. [`settings`]
+//! says what the options of [`cli`] mean.
 //!
 //! # Units
 //!

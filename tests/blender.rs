@@ -19,7 +19,8 @@ use texelwalk::scene;
 
 /// About how many texels a fixture gets.
 const TEXELS: f64 = 3000.0;
-/// Where another density is needed [texels per metre]: walls must be two texels thick; a level of 78 × 108 m has narrow doors.
+/// Where another density is needed [texels per metre]: walls must be two texels thick; a level of 78 × 108 m has narrow
+/// doors.
 const DENSITIES: &[(&str, f64)] = &[("two-rooms", 8.0), ("freedoom", 0.7)];
 /// Texels of decimetres hide edges of shadows, and what touches is half in the dark: more is allowed than the script would
 /// by itself, and still much less than a twentieth of the mean.

@@ -51,7 +51,8 @@ fn meshopt_views_and_draco_primitives_are_read() {
     assert_eq!(draco.vertices.normal[0], Vec3::Z);
 }
 
-/// A flat grid of 15 × 15 vertices with `TEXCOORD_0` = position, as the reference encoder writes it (edgebreaker, speed 3, 6 bits).
+/// A flat grid of 15 × 15 vertices with `TEXCOORD_0` = position, as the reference encoder writes it (edgebreaker, speed
+/// 3, 6 bits).
 const GRID: &str = "\
     RFJBQ08CAgEBAAAA4QGIAwGIAw4AaV/7VKtPVav6VFWrqk9VVauq+lRVVauqqk9VVVWrqqr6VFVVVauqqqpPVVVVVauqqqr6VFVV\
     VVWrqqqqqk9VVVVVVauqqqqq+lRVVVVV1VNVVVVVVX2qqqqqqqpaVVVVVVXVp6qqqqqqCv8BEf8DLIOAAv8AAAAAAAEACQMAAAIB\

@@ -1,4 +1,5 @@
-//! Runs what `pipelines/` offers to build systems and artists: presets, Make, Ninja, Blender; and the study of error against time.
+//! Runs what `pipelines/` offers to build systems and artists: presets, Make, Ninja, Blender; and the study of error
+//! against time.
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "tests")]
 
 #[path = "support/crosscheck_env.rs"]

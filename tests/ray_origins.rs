@@ -1,4 +1,5 @@
-//! Rays and segments that start on surfaces or in solids: they neither meet what they leave nor slip through what is beside them.
+//! Rays and segments that start on surfaces or in solids: they neither meet what they leave nor slip through what is
+//! beside them.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 mod support;

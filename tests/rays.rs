@@ -1,7 +1,8 @@
 //! Ray queries against an independent reference: brute force over all triangles, Möller–Trumbore in f64.
 //!
 //! A *tie* is a ray whose answer rounding may change: the two answers are the same point within a few parts in 10¹² of
-//! the scene across the ray, and one f32 step along it; or the ray starts exactly on a triangle. Ties are counted, printed and bounded; anything else is a fault.
+//! the scene across the ray, and one f32 step along it; or the ray starts exactly on a triangle. Ties are counted,
+//! printed and bounded; anything else is a fault.
 #![allow(clippy::unwrap_used, reason = "tests")]
 #![allow(clippy::print_stdout, reason = "figures of the slow tests")]
 

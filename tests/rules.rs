@@ -53,7 +53,8 @@ fn cuboid([x0, x1]: [f32; 2], [y0, y1]: [f32; 2], [z0, z1]: [f32; 2]) -> Vec<[[f
     ]
 }
 
-/// A floor, a crate that hovers over its middle, a tube of light over a corner, all below the node `Room`; the sun in the zenith.
+/// A floor, a crate that hovers over its middle, a tube of light over a corner, all below the node `Room`; the sun in
+/// the zenith.
 fn stage() -> Builder {
     let mut b = Builder::new();
     let grey = json!({"baseColorFactor": [0.5, 0.5, 0.5, 1], "metallicFactor": 0});

@@ -6,8 +6,9 @@
 //! * l1 is the light vector b, laid on pages and stitched as the lightmap is, in its unit.
 //! * l0 = lightmap − b·n₀ with n₀ the shading normal at the centre of a texel's surface, so that the lightmap comes out
 //!   again for n₀, whatever stitching and groups did to it; but for half floats, by less than a thousandth of l0 and l1.
-//! * d = b/l0 by luminance, not longer than 1, nor below the surface: then it is turned into it. The longest d is half-Lambert,
-//!   which is softer than a single small light: its shading falls to 0 only on the far side. That is the format's limit.
+//! * d = b/l0 by luminance, not longer than 1, nor below the surface: then it is turned into it. The longest d is
+//!   half-Lambert, which is softer than a single small light: its shading falls to 0 only on the far side. That is the
+//!   format's limit.
 //!
 //! In texels beyond charts n₀ goes on as light does.
 

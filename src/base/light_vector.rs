@@ -7,8 +7,8 @@
 //! b is that of least squares over the normals at [`TILT`] around n, exact at n. By the symmetry of that circle the fit
 //! is a fixed linear functional of light, so every ray adds its own part whatever else there is: light from ω with the
 //! irradiance L on a facing plane adds L·c(ω). Where ω is above the horizon of all those normals c(ω) = ω, which is exact
-//! for every n' that it lights (the light vector of Gershun, "The Light Field", 1936/39, hence the name). Lower down, normals that are
-//! turned away get nothing instead of less than nothing:
+//! for every n' that it lights (the light vector of Gershun, "The Light Field", 1936/39, hence the name). Lower down,
+//! normals that are turned away get nothing instead of less than nothing:
 //!
 //!   along n:        (μ − mean)/(1 − cos TILT),  mean = (B sin φ + A φ)/π, the mean over the circle
 //!   across, toward ω: (B φ + A sin φ)/(π sin TILT)

@@ -1,11 +1,11 @@
 //! Least squares with x ≥ 0: conjugate gradients on the unknowns that are free, and rounds that fix and free them.
 //!
-//! In: [`Equations`], symmetric and positive. Out: values by unknown. Of each channel by itself: unknowns that come out negative are fixed at zero,
-//! the rest is solved again, and unknowns at zero that want to grow are freed, until nothing changes. That is the
-//! active-set method of Portugal, Júdice, Vicente, "A comparison of block pivoting and interior-point algorithms for
-//! linear least squares problems with nonnegative variables", Math. Comp. 63, 1994, with a limit on rounds in place of
-//! their safeguard: the last solution is cut at zero in any case. The first rounds are solved roughly ([`ROUGH`]): they
-//! find most of what is fixed, and no digit of them stays.
+//! In: [`Equations`], symmetric and positive. Out: values by unknown. Of each channel by itself: unknowns that come out
+//! negative are fixed at zero, the rest is solved again, and unknowns at zero that want to grow are freed, until
+//! nothing changes. That is the active-set method of Portugal, Júdice, Vicente, "A comparison of block pivoting and
+//! interior-point algorithms for linear least squares problems with nonnegative variables", Math. Comp. 63, 1994, with
+//! a limit on rounds in place of their safeguard: the last solution is cut at zero in any case. The first rounds are
+//! solved roughly ([`ROUGH`]): they find most of what is fixed, and no digit of them stays.
 //!
 //! Preconditioned by the diagonal; a mass matrix then has a condition that does not grow with the mesh, so the number of
 //! steps hardly depends on its size. Sums are taken in fixed chunks: the same bits at any thread count.

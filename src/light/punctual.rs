@@ -5,8 +5,8 @@
 //! it gives exactly what the point at its centre gives, I cos θ/d². Its range counts from the centre.
 //!
 //! Source: the glTF extension `KHR_lights_punctual`, "Range Property" and "Inner and Outer Cone Angles" (the reference
-//! code, with its squared cone falloff). Lamps with a profile have its candela in the direction that the light takes, also where
-//! they are spheres.
+//! code, with its squared cone falloff). Lamps with a profile have its candela in the direction that the light takes,
+//! also where they are spheres.
 
 use super::piece::FLOOR;
 use super::site::Site;

@@ -8,10 +8,11 @@
 //! | `dominant` | `direction` | `NAME.lightmap0.direction.exr` | rgb = d/2 + 1/2, a = (1 + d·n₀)/2, all in [0, 1] |
 //!
 //! n is a unit normal in the world of the document (+y up), as the scene was baked:
-//! * `sh`: light = l0 + l1x·n.x + l1y·n.y + l1z·n.z, not below 0. These are L0 and the three L1 of spherical harmonics with their
-//!   constants multiplied in, so a shader needs none.
-//! * `dominant`: light = texel · (1/2 + n·(rgb − 1/2))/a, half-Lambert as in Unity's `DecodeDirectionalLightmap`. d is where most
-//!   light comes from; its length says how much of it, from 0 to 1. n₀ is the normal that the texel was baked with.
+//! * `sh`: light = l0 + l1x·n.x + l1y·n.y + l1z·n.z, not below 0. These are L0 and the three L1 of spherical harmonics
+//!   with their constants multiplied in, so a shader needs none.
+//! * `dominant`: light = texel · (1/2 + n·(rgb − 1/2))/a, half-Lambert as in Unity's `DecodeDirectionalLightmap`. d is
+//!   where most light comes from; its length says how much of it, from 0 to 1. n₀ is the normal that the texel was
+//!   baked with.
 //!
 //! With n = n₀ both are the lightmap itself. In the alpha of `sh` is the coverage, as in the lightmap's.
 

@@ -1,8 +1,8 @@
 //! Which of the two sides of a sheet a texel belongs to, where a single-sided sheet without thickness cuts it: a wall that
 //! goes into the ground has texels half above the ground and half below it.
 //!
-//! In: the solids of a scene and points of a texel's surface. Out: whether a point lies behind the back of a sheet, and whether a sheet
-//! cuts a texel off from its neighbour.
+//! In: the solids of a scene and points of a texel's surface. Out: whether a point lies behind the back of a sheet, and
+//! whether a sheet cuts a texel off from its neighbour.
 //!
 //! Viewers do not draw backs of single-sided surfaces, so scenes are not made to be seen from there: the part of a texel
 //! that a sheet shows its front to is what people look at. Rays run along the surface, a little above it, and what they

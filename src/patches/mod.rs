@@ -2,8 +2,8 @@
 //!
 //! A patch is the piece of surface that lies in one texel: exact area, centroid, normal and mean reflectance of its
 //! clipped polygons. Texels of double-sided and of translucent materials get a second patch for their back. Patches are
-//! numbered by page, row and column; all backs come after all fronts. Front is the side that the lightmap stores: where a double-sided chart
-//! is turned (`turn`), that is the back of its triangles.
+//! numbered by page, row and column; all backs come after all fronts. Front is the side that the lightmap stores: where
+//! a double-sided chart is turned (`turn`), that is the back of its triangles.
 //!
 //! Invariants (tests in `tests/patches.rs`): the areas of the front patches add up to the charted area; a texel has at
 //! most one front patch; links are symmetric and join patches of one chart and one side.

@@ -1,7 +1,8 @@
 //! Wishes of the document itself: the object `extras.texelwalk` of a node, mesh, material or light.
 //!
-//! Keys: `density`, `receives`, `casts`, `emission`, `instances`, `intensity`, `light_group`, as in rules. Meshes and materials have no
-//! `intensity`, lights only `intensity`, `light_group` and `ies`. Truth may be written as 0 and 1, as some exporters do.
+//! Keys: `density`, `receives`, `casts`, `emission`, `instances`, `intensity`, `light_group`, as in rules. Meshes and
+//! materials have no `intensity`, lights only `intensity`, `light_group` and `ies`. Truth may be written as 0 and 1, as
+//! some exporters do.
 //!
 //! Extras may hold anything, and what others put there does not matter. What is wrong within `texelwalk` is ignored with a
 //! warning that names the owner and the key: `bad-extras`, and `bad-light-group` for names of groups.

@@ -7,8 +7,8 @@
 //! frame and the differences between versions are those of the glTF extension `EXT_lights_ies`. Axes of the types: CIE 121.
 //!
 //! * The zero angles aim along −z. Type C: vertical angle from −z, horizontal angle from +x toward +y. Type B: vertical angle
-//!   about y, from −z toward +x, horizontal angle out of that plane, toward −y. Type A: horizontal angle about x, from −z toward −y,
-//!   vertical angle out of that plane, toward +x.
+//!   about y, from −z toward +x, horizontal angle out of that plane, toward −y. Type A: horizontal angle about x, from
+//!   −z toward −y, vertical angle out of that plane, toward +x.
 //! * Type C that ends at 0° is even all around, at 90° and 180° mirrored, from 90° to 270° mirrored across the plane of
 //!   90° and 270°; what ends between 180° and 360° is closed by its first plane. Types A and B that start at 0° are mirrored.
 //! * Candela are multiplied by multiplier and ballast factor; before 1995 by the ballast-lamp factor, too, whose place

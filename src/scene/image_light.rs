@@ -1,11 +1,11 @@
 //! `EXT_lights_image_based`: light from infinity by the faces of a cube → [`Environment`].
 //!
-//! In: the light that the scene names. Out: an equirectangular map of what level 0 of `specularImages` shows, times `intensity`,
-//! turned by `rotation`. If there is no level 0, `irradianceCoefficients` stand in: the radiance whose irradiance they are.
-//! Lower levels are blurred for mirrors and not read.
+//! In: the light that the scene names. Out: an equirectangular map of what level 0 of `specularImages` shows, times
+//! `intensity`, turned by `rotation`. If there is no level 0, `irradianceCoefficients` stand in: the radiance whose
+//! irradiance they are. Lower levels are blurred for mirrors and not read.
 //!
-//! * Faces are those of the extension: +x, −x, +y, −y, +z, −z as OpenGL has them, then flipped about their vertical axis; so each
-//!   is seen from inside as it is, with +y on top (−z for +y, +z for −y).
+//! * Faces are those of the extension: +x, −x, +y, −y, +z, −z as OpenGL has them, then flipped about their vertical
+//!   axis; so each is seen from inside as it is, with +y on top (−z for +y, +z for −y).
 //! * Values are radiance [cd/m²]. The text calls them lux, but its irradiance is theirs times π, and viewers do so.
 //! * Colours are sRGB, as in all colour images of glTF. Those of PNG with alpha are RGBD: the linear colour over alpha.
 //! * Coefficients are those of real spherical harmonics in the order of Ramamoorthi and Hanrahan, *An Efficient
@@ -13,7 +13,8 @@
 //!   A = π, 2π/3, π/4 of their band (eq. 8), which is divided out.
 //!
 //! A pixel of the map is the mean over [`SAMPLES`] directions, so a sun of a single pixel has its light within a few percent.
-//! Faces larger than [`FINEST`] are halved first, those beyond [`MOST_PIXELS`] refused before they are decoded. Where radiance from coefficients is negative, it counts as 0.
+//! Faces larger than [`FINEST`] are halved first, those beyond [`MOST_PIXELS`] refused before they are decoded. Where
+//! radiance from coefficients is negative, it counts as 0.
 
 use super::schema::optional;
 use super::{Document, Environment, Error, images};

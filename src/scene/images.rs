@@ -1,13 +1,15 @@
 //! Decodes the images that the materials in use need, in parallel: PNG, JPEG, WebP, KTX2 and DDS to 8-bit RGBA.
 //!
 //! In: document, materials, and which textures may be coarser (`reduce`). Out: one [`Texture`] per texture of the
-//! document; those that are not needed are one white texel. The format is told from the bytes, as many documents state it wrongly. Colour profiles and orientation tags
-//! are ignored (glTF 2.0, section 3.8.3). 16-bit values are rounded to 8 bits.
+//! document; those that are not needed are one white texel. The format is told from the bytes, as many documents state
+//! it wrongly. Colour profiles and orientation tags are ignored (glTF 2.0, section 3.8.3). 16-bit values are rounded to
+//! 8 bits.
 //!
 //! Scaled down are PNG and JPEG files and parts of buffers alone: of the others, and of data URIs, the decoded pixels are
 //! what a USD layer gets.
 //!
-//! Bounds, all checked from the image headers before anything is decoded: [`MAX_SIDE`], [`MAX_PIXELS`], [`PNG_RATIO`] and its like.
+//! Bounds, all checked from the image headers before anything is decoded: [`MAX_SIDE`], [`MAX_PIXELS`], [`PNG_RATIO`]
+//! and its like.
 
 use super::Document;
 use super::Error;

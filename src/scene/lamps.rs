@@ -3,8 +3,8 @@
 //! In: document, visible nodes. Out: [`Profiles`], read once each, for `punctual`.
 //!
 //! * `EXT_lights_ies`: intensity = candela × `multiplier` × `color`. A node's scale changes nothing.
-//! * `extras.texelwalk.ies` of a point or spot light of `KHR_lights_punctual`: a URI as those of images. Intensity = candela ×
-//!   `color`; the light's own `intensity` and cone do not count, its range does.
+//! * `extras.texelwalk.ies` of a point or spot light of `KHR_lights_punctual`: a URI as those of images. Intensity =
+//!   candela × `color`; the light's own `intensity` and cone do not count, its range does.
 //!
 //! Both aim along −z of the node, and `intensity` of rules and of `extras.texelwalk` multiplies both.
 //!

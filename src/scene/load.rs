@@ -1,4 +1,5 @@
-//! Puts the parts of the loader in order: container, extensions, buffers, what is compressed, instances, nodes, materials, geometry, images, lights.
+//! Puts the parts of the loader in order: container, extensions, buffers, what is compressed, instances, nodes,
+//! materials, geometry, images, lights.
 
 use super::Document;
 use super::Error;

@@ -13,8 +13,8 @@
 //!
 //! Codes of warnings: `animated-node`, `bad-alpha-mode`, `bad-camera`, `bad-color`, `bad-extras`, `bad-light`,
 //! `bad-light-group`, `bad-normals`, `bad-sampler`, `bad-texcoord`, `byte-order-mark`, `dark-emitter`, `deforming-mesh`,
-//! `factor-out-of-range`, `ies-tilt`, `incomplete-triangle`, `lod-levels`, `missing-texcoord`, `no-positions`, `no-triangles`, `not-a-root`, `not-triangles`,
-//! `trailing-bytes`, `unsupported-extension`, `unused-rule`.
+//! `factor-out-of-range`, `ies-tilt`, `incomplete-triangle`, `lod-levels`, `missing-texcoord`, `no-positions`,
+//! `no-triangles`, `not-a-root`, `not-triangles`, `trailing-bytes`, `unsupported-extension`, `unused-rule`.
 
 mod accessor;
 mod basis;

@@ -5,12 +5,12 @@
 //! * `KHR_materials_transmission`: of the light that a diffuse surface of the same colour would scatter, the factor passes
 //!   straight on, tinted by the base colour: T = f · (1 − metallic) · colour; ρ = (1 − f) · (1 − metallic) · colour. No
 //!   share is taken off for the reflection at the surface (about 4 % at right angles), as none is from other materials.
-//! * `KHR_materials_diffuse_transmission`: of the light that is scattered, the factor leaves on the other side, in a colour of
-//!   its own: τ = d · (1 − f) · (1 − metallic) · colour there, and ρ is (1 − d) of what it was. Light falls on both sides of
-//!   such a surface, also if it is single-sided.
+//! * `KHR_materials_diffuse_transmission`: of the light that is scattered, the factor leaves on the other side, in a
+//!   colour of its own: τ = d · (1 − f) · (1 − metallic) · colour there, and ρ is (1 − d) of what it was. Light falls
+//!   on both sides of such a surface, also if it is single-sided.
 //!
-//! Limits: light that goes through a solid of glass meets two surfaces, so the base colour tints it twice (`volume` has what it
-//! loses between them); roughness and refraction are left out.
+//! Limits: light that goes through a solid of glass meets two surfaces, so the base colour tints it twice (`volume` has
+//! what it loses between them); roughness and refraction are left out.
 
 use super::schema::Pbr;
 use super::schema::TextureInfo;

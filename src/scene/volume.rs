@@ -1,9 +1,9 @@
 //! `KHR_materials_volume`: what a solid takes from the light that goes through it.
 //!
 //! Of light that has gone d metres, `attenuationColor`^(d / `attenuationDistance`) is left (Beer's law): extinction σ = −ln
-//! colour / distance. `trace` measures d between entry and exit of closed solids; through sheets it is `thicknessFactor` × texture, in
-//! units of the node. A factor of 0 is a thin wall, which takes nothing. Only what `KHR_materials_transmission` lets pass
-//! goes through the solid; it goes straight, whatever `KHR_materials_ior` says.
+//! colour / distance. `trace` measures d between entry and exit of closed solids; through sheets it is
+//! `thicknessFactor` × texture, in units of the node. A factor of 0 is a thin wall, which takes nothing. Only what
+//! `KHR_materials_transmission` lets pass goes through the solid; it goes straight, whatever `KHR_materials_ior` says.
 
 use super::TextureRef;
 use super::schema::TextureInfo;

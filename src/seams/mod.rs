@@ -4,8 +4,8 @@
 //! changed, and how large the steps are.
 //!
 //! A seam is where borders of two charts, or one border twice, lie on the same place with the same normal: within a mesh,
-//! and between meshes that abut (`border`, `meet`). Along it, every half texel (`asked`), the values on both sides should be one;
-//! texels change as little as that takes, those filled beyond the border most (`equations`).
+//! and between meshes that abut (`border`, `meet`). Along it, every half texel (`asked`), the values on both sides
+//! should be one; texels change as little as that takes, those filled beyond the border most (`equations`).
 //!
 //! Source: M. Iwanicki, "Lighting Technology of The Last of Us", SIGGRAPH 2013 talks; others
 //! use the same least squares for textures. Where we differ: seams between meshes count; no row where something stands

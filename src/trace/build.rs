@@ -10,8 +10,9 @@
 //! box is flat, no point of a triangle lies on the border of its box, and the rounding of the double-precision triangle
 //! test (2⁻⁵³ of the distance) cannot put a hit outside of the box. See `traverse`.
 //!
-//! Invariants: every triangle of a kept part that is no copy (see `copies`) with area and finite corners is in exactly one packet; the same bytes at every thread
-//! count; recursion is no deeper than that of `collapse`. Limit: 2²⁸ triangles.
+//! Invariants: every triangle of a kept part that is no copy (see `copies`) with area and finite corners is in exactly
+//! one packet; the same bytes at every thread count; recursion is no deeper than that of `collapse`. Limit: 2²⁸
+//! triangles.
 
 use super::collapse::Branch;
 use super::collapse::Plan;

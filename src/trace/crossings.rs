@@ -1,7 +1,8 @@
 //! Everything that a ray crosses, not only what it meets first.
 //!
 //! In: [`Tracer`] and [`Ray3`]. Out: a call for each triangle with 0 < t < `t_max`, until one says that it is enough, in
-//! an order that depends on the hierarchy alone. The same box and triangle tests as in `traverse`, so nothing is crossed here that stops no ray there.
+//! an order that depends on the hierarchy alone. The same box and triangle tests as in `traverse`, so nothing is
+//! crossed here that stops no ray there.
 
 use super::Ray3;
 use super::Tracer;

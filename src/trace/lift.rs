@@ -26,8 +26,8 @@
 //! Symbols: p point; `v_k`, `n_k` corners and their normals; `b_k` weights of the corners.
 //!
 //! Invariants: a triangle whose corners lie within [`FLAT`] of each other's tangent planes, or above them, has no lift at
-//! all; the offset is the same from both sides of an edge unless [`BOXY`] or [`ALIKE`] has a part in it. Limit: where a surface is concave its facets lie above it, and
-//! rays start on them.
+//! all; the offset is the same from both sides of an edge unless [`BOXY`] or [`ALIKE`] has a part in it. Limit: where a
+//! surface is concave its facets lie above it, and rays start on them.
 
 use super::{Ground, Tracer};
 use crate::scene::Scene;

@@ -2,9 +2,9 @@
 //!
 //! In: the crossings of a ray with surfaces that have a volume. Out: the share of light that is left.
 //!
-//! A part whose triangles close it is a solid: what counts is the way between entry and exit, from the start of the ray where it
-//! begins inside, to its end where it ends inside. Any other part is a sheet: it takes what its material's thickness takes,
-//! at any angle, as viewers do that know nothing behind the surface.
+//! A part whose triangles close it is a solid: what counts is the way between entry and exit, from the start of the ray
+//! where it begins inside, to its end where it ends inside. Any other part is a sheet: it takes what its material's
+//! thickness takes, at any angle, as viewers do that know nothing behind the surface.
 //!
 //! What is closed is told by `closed`. Solids that are inside out are turned. A ray through an edge may meet both of its
 //! triangles: an entry after an entry, and an exit after an exit, does not count.

@@ -178,10 +178,11 @@ impl<L: Lanes> ShearLanes<L> {
         self.filter_within::<false>(packet, shear, 0.0)
     }
 
-    /// The same for corners that are known to be within `slack` [m] of where the packet has them, and a ray as far off, if `LOOSE`.
+    /// The same for corners that are known to be within `slack` [m] of where the packet has them, and a ray as far off,
+    /// if `LOOSE`.
     ///
-    /// A sheared coordinate is then off by 4 `slack` at most, and with s larger by as much an edge function by 2 · 4 `slack` · s
-    /// and terms of higher order; 16 `slack` · s covers them.
+    /// A sheared coordinate is then off by 4 `slack` at most, and with s larger by as much an edge function by 2 · 4
+    /// `slack` · s and terms of higher order; 16 `slack` · s covers them.
     #[inline(always)]
     pub(super) fn filter_within<const LOOSE: bool>(&self, packet: &Packet, shear: &Shear, slack: f32) -> u32 {
         let [kx, ky, kz] = [shear.axes[0] as usize, shear.axes[1] as usize, shear.axes[2] as usize];

@@ -17,9 +17,9 @@
 //! Invariants (`tests/vertices.rs`): a constant lightmap gives that constant; no value is negative; vertices that share
 //! place and normal share their value; the same bits at any thread count.
 //!
-//! Limits: surfaces that lie wholly inside solids hold zero, as their texels do. Of double-sided surfaces the front is fitted, as in the lightmap. Two surfaces in one plane that meet under a
-//! wall between a lit and a dark room share vertices there, so light bleeds over a triangle's length, unless the mesh
-//! has vertices on both sides of the wall.
+//! Limits: surfaces that lie wholly inside solids hold zero, as their texels do. Of double-sided surfaces the front is
+//! fitted, as in the lightmap. Two surfaces in one plane that meet under a wall between a lit and a dark room share
+//! vertices there, so light bleeds over a triangle's length, unless the mesh has vertices on both sides of the wall.
 
 mod bend;
 mod mesh;

@@ -9,9 +9,9 @@
 //! cosine-distributed around their normals, no two neighbouring rays alike; occlusion takes the same rays with ends 0.5 to
 //! 5 m away.
 //!
-//! Time of a ray: the rays are cut into batches of a tenth of a millisecond; every pass takes all of them, so caches are as cold as
-//! in a bake; the best times of all batches are added up. So programs that share the machine hardly show. With several
-//! threads it is still the time that one thread spends on one ray.
+//! Time of a ray: the rays are cut into batches of a tenth of a millisecond; every pass takes all of them, so caches
+//! are as cold as in a bake; the best times of all batches are added up. So programs that share the machine hardly
+//! show. With several threads it is still the time that one thread spends on one ray.
 #![allow(clippy::unwrap_used, reason = "bench")]
 #![allow(clippy::print_stdout, reason = "bench")]
 

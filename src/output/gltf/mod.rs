@@ -17,7 +17,8 @@
 //!
 //! Vertex light goes another way with the same parts: `vertex`.
 //!
-//! Instances of `EXT_mesh_gpu_instancing` were made nodes of before (`scene`). Nothing is renumbered or taken away; every byte of the JSON outside of these places stays.
+//! Instances of `EXT_mesh_gpu_instancing` were made nodes of before (`scene`). Nothing is renumbered or taken away;
+//! every byte of the JSON outside of these places stays.
 //!
 //! Known limits: animations that point into a material do not reach its copies for further pages. With `extras` of a
 //! scene that is no object there is no place for the manifest; the textures still name the EXR files.
@@ -232,7 +233,8 @@ fn textures(splice: &mut Splice<'_>, root: &Element<'_>, uris: &PageUris) -> Res
             quoted(uri)
         ));
     }
-    // LINEAR for minification too: a sampler cannot say at which mip level to stop, and charts mix from some level on. CLAMP_TO_EDGE in both directions.
+    // LINEAR for minification too: a sampler cannot say at which mip level to stop, and charts mix from some level on.
+    // CLAMP_TO_EDGE in both directions.
     let linear = "{\"magFilter\": 9729, \"minFilter\": 9729, \"wrapS\": 33071, \"wrapT\": 33071}";
     splice.append_at(root, "samplers", vec![linear.to_owned()])?;
     splice.append_at(root, "images", images)?;
