@@ -267,7 +267,7 @@ fn results(
     let whole = solution.halves.irradiance();
     let unstitched = on_pages(setup, atlas.pages, &whole, factor);
     let step_before = seams.steps(setup.patches, &unstitched);
-    let stitcher = seams.stitcher(setup.patches, &unstitched);
+    let stitcher = seams.stitcher(setup.patches, &unstitched, progress);
     let stitched = |mut lightmap: Lightmap| {
         if let Some(stitcher) = &stitcher {
             stitcher.stitch(&mut lightmap, progress);

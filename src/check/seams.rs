@@ -22,8 +22,9 @@ const SAME_NORMAL: f32 = 0.9999;
 /// Cosine between triangles beyond which an edge is a corner whatever its normals say: 75°.
 const CORNER: f32 = 0.259;
 
-/// Points per texel along an edge, and least and most per edge.
-const PER_TEXEL: f32 = 2.0;
+/// Points per texel along an edge, and least and most per edge. Bakes make the sides agree at other points (`seams`): at
+/// those, steps would be smaller than elsewhere.
+const PER_TEXEL: f32 = 7.0;
 const LEAST: usize = 3;
 const MOST: usize = 2048;
 

@@ -79,10 +79,10 @@ pub(super) struct Borders<'a> {
 }
 
 impl<'a> Borders<'a> {
-    pub(super) fn new(scene: &'a Scene, atlas: &'a Atlas, patches: &'a Patches) -> Self {
+    pub(super) fn new(scene: &'a Scene, atlas: &'a Atlas, patches: &'a Patches, points: f32) -> Self {
         let (layouts, layout_of) = atlas.layouts();
         let sides: Vec<Vec<u8>> = parallel::map(layouts.len(), |i| border_sides(layouts[i]));
-        let asked: Vec<Vec<Asked>> = parallel::map(layouts.len(), |i| asked::along(layouts[i], &sides[i]));
+        let asked: Vec<Vec<Asked>> = parallel::map(layouts.len(), |i| asked::along(layouts[i], &sides[i], points));
         let mut before = vec![0];
         before.extend(layout_of.iter().scan(0, |sum, layout| {
             *sum += asked[*layout as usize].len();

@@ -1,7 +1,7 @@
 //! Where borders of charts meet in space: of one mesh, or of two that abut, also where their vertices do not.
 //!
 //! In: borders, and the hierarchies that rays use. Out: for a point of one border, those that pass through it. The
-//! triangles around the point are found by a box of the distance at which two places are one.
+//! triangles around a stretch of points are found by a box, wider than it by the distance at which two places are one.
 //!
 //! Invariant: borders come in the order of their triangles.
 
@@ -16,8 +16,8 @@ const NEAR: f64 = 0.01;
 const ROUNDING: f64 = 3e-7;
 /// Most distance of places that are one, in median texel edges: texels that are torn apart are everywhere.
 const MOST: f64 = 4.0;
-/// Borders through a point from which on it is no seam but a knot.
-const CROWD: usize = 256;
+/// Borders beside a stretch from which on it is no seam but a knot.
+const CROWD: usize = 4096;
 
 /// Finds them.
 pub(super) struct Meeting<'a> {
@@ -41,18 +41,27 @@ impl<'a> Meeting<'a> {
         (NEAR * edge.texel()).min(self.most).max(self.rounding)
     }
 
-    /// Edges through a point of edge `own`, but for that one, with the part of their way at which it lies.
-    pub(super) fn through(&self, own: &Edge, p: DVec3) -> Vec<(Edge, f32)> {
+    /// Edges that may pass through points of a stretch of edge `own`, but for that one.
+    pub(super) fn beside(&self, own: &Edge, [from, to]: [DVec3; 2]) -> Vec<Edge> {
         let near = self.near(own);
-        let (low, high) = ((p - near).as_vec3(), (p + near).as_vec3());
-        let mut found: Vec<(Edge, f32)> = vec![];
-        self.tracer.any_within(low, high, |triangle| {
-            let others = self.borders.edges_of(triangle).filter(|edge| edge.id() != own.id());
-            found.extend(others.filter_map(|edge| Some((edge, self.on(&edge, near, p)?))));
+        let (low, high) = (from.min(to) - near, from.max(to) + near);
+        let meets = |edge: &Edge| {
+            let [a, b] = edge.ends;
+            edge.id() != own.id() && a.min(b).cmple(high).all() && a.max(b).cmpge(low).all()
+        };
+        let mut found: Vec<Edge> = vec![];
+        self.tracer.any_within(low.as_vec3(), high.as_vec3(), |triangle| {
+            found.extend(self.borders.edges_of(triangle).filter(meets));
             found.len() >= CROWD
         });
-        found.sort_unstable_by_key(|(edge, _)| edge.id());
+        found.sort_unstable_by_key(Edge::id);
         found
+    }
+
+    /// Those of them that pass through a point of edge `own`, with the part of their way at which it lies.
+    pub(super) fn through(&self, others: &[Edge], own: &Edge, p: DVec3) -> Vec<(Edge, f32)> {
+        let near = self.near(own);
+        others.iter().filter_map(|edge| Some((*edge, self.on(edge, near, p)?))).collect()
     }
 
     /// Part of the way along an edge at which it passes a point that is as near as `near`.

@@ -4,8 +4,8 @@
 //! changed, and how large the steps are.
 //!
 //! A seam is where borders of two charts, or one border twice, lie on the same place with the same normal: within a mesh,
-//! and between meshes that abut (`border`, `meet`). Along it, every half texel (`asked`), the values on both sides
-//! should be one; texels change as little as that takes, those filled beyond the border most (`equations`).
+//! and between meshes that abut (`border`, `meet`). Along it, at points (`asked`), the values on both sides should be
+//! one; texels change as little as that takes, those filled beyond the border most (`equations`).
 //!
 //! Source: M. Iwanicki, "Lighting Technology of The Last of Us", SIGGRAPH 2013 talks; others
 //! use the same least squares for textures. Where we differ: seams between meshes count; no row where something stands
@@ -43,8 +43,18 @@ use meet::Meeting;
 
 /// Places on other edges that a point is joined with.
 const MOST_PARTNERS: usize = 4;
+/// Points along an edge for which other edges are looked for at once.
+const STRETCH: u32 = 8;
+/// Part of the way to the next point at which the first one lies. The other side has its points the other way round, so
+/// those of two edges alike are evenly spaced, twice as densely.
+const ASIDE: f32 = 0.25;
 /// Distance [texels] below which two places on a page are one: there, look-ups agree by themselves.
 const SAME: f32 = 1e-3;
+/// Distance along a seam [texels] within which nothing may stand on it: at the end of a wall light jumps, and look-ups of
+/// its dark side would darken those of the other.
+const BEYOND: f32 = 0.25;
+/// Length of an edge [texels] from which on the seam goes on beyond it about as it does along it.
+const STRAIGHT: f32 = 1.0;
 /// Light, as part of the mean, below which a step counts as if it stood in that light.
 const DARK: f32 = 0.01;
 
@@ -96,8 +106,14 @@ impl Seams {
     /// Finds the seams of an atlas.
     #[must_use]
     pub fn new(tracer: &Tracer<'_>, atlas: &Atlas, patches: &Patches, progress: &Progress) -> Self {
+        Self::asked_at(tracer, atlas, patches, asked::POINTS, progress)
+    }
+
+    /// Seams that are asked at so many points per texel: to judge them at others than those that are made to agree.
+    #[must_use]
+    pub fn asked_at(tracer: &Tracer<'_>, atlas: &Atlas, patches: &Patches, points: f32, progress: &Progress) -> Self {
         let scene = tracer.scene();
-        let borders = Borders::new(scene, atlas, patches);
+        let borders = Borders::new(scene, atlas, patches, points);
         let unseen = scene.parts.iter().any(|part| part.receives && !part.treatment.casts);
         let all = unseen.then(|| Tracer::of_all(scene));
         let meeting = Meeting::new(&borders, all.as_ref().unwrap_or(tracer));
@@ -109,9 +125,18 @@ impl Seams {
     /// What changes the texels along the seams of a lightmap with filled borders, and of others of the same light: its
     /// parts by groups of lights, say. `None` without seams, or for pages of another size.
     #[must_use]
-    pub fn stitcher(&self, patches: &Patches, guide: &Lightmap) -> Option<Stitcher> {
-        (!self.rows.is_empty() && fits(patches, guide))
-            .then(|| Stitcher(equations::problems(&self.rows, patches, guide)))
+    pub fn stitcher(&self, patches: &Patches, guide: &Lightmap, progress: &Progress) -> Option<Stitcher> {
+        if self.rows.is_empty() || !fits(patches, guide) {
+            return None;
+        }
+        let floor = floor(&self.values(guide));
+        Some(Stitcher(equations::problems(&self.rows, patches, guide, floor, progress)))
+    }
+
+    /// What the two sides of each row read.
+    fn values(&self, lightmap: &Lightmap) -> Vec<[Rgb; 2]> {
+        let read = |texel: u32| light(lightmap, texel);
+        parallel::map_light(self.rows.len(), |r| self.rows[r].sides.map(|side| side.value(read)))
     }
 
     /// Steps in a lightmap. Without seams, all zero.
@@ -120,11 +145,8 @@ impl Seams {
         if self.rows.is_empty() || !fits(patches, lightmap) {
             return Steps::default();
         }
-        let read = |texel: u32| light(lightmap, texel);
-        let values = parallel::map_light(self.rows.len(), |r| self.rows[r].sides.map(|side| side.value(read)));
-        let mean = |[a, b]: [Rgb; 2]| (a + b).element_sum() / 6.0;
-        let count = values.len();
-        let floor = DARK * values.iter().fold(0.0f64, |sum, v| sum + f64::from(mean(*v))) as f32 / count as f32;
+        let values = self.values(lightmap);
+        let (count, floor) = (values.len(), floor(&values));
         let step = |v: [Rgb; 2]| (v[0] - v[1]).abs().max_element() / mean(v).max(floor).max(f32::MIN_POSITIVE);
         let mut sorted: Vec<(f32, u32)> = values.iter().zip(0..).map(|(v, r)| (step(*v), r)).collect();
         sorted.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -132,6 +154,17 @@ impl Seams {
         let place = self.place[sorted[count - 1].1 as usize];
         Steps { points: count as u64, median: at(0.5), p999: at(0.999), worst: at(1.0), place }
     }
+}
+
+/// Mean of the two sides, over the channels.
+fn mean([a, b]: [Rgb; 2]) -> f32 {
+    (a + b).element_sum() / 6.0
+}
+
+/// Light below which a step counts as if it stood in that light.
+fn floor(values: &[[Rgb; 2]]) -> f32 {
+    let sum = values.iter().fold(0.0, |sum, v| sum + f64::from(mean(*v)));
+    DARK * (sum / values.len().max(1) as f64) as f32
 }
 
 fn fits(patches: &Patches, lightmap: &Lightmap) -> bool {
@@ -150,19 +183,27 @@ fn rows(
     let (edge, asked) = borders.asked(number);
     let taps = |place: &Place| Taps::new(patches.page_size, place.page, place.uv);
     let mut out = vec![];
+    let at = |k: u32| (k as f32 + ASIDE) / asked.count as f32;
+    let point = |k: u32| edge.ends[0].lerp(edge.ends[1], f64::from(at(k)));
+    let way = (edge.ends[1] - edge.ends[0]).as_vec3() * (BEYOND / edge.length());
+    let along = (edge.length() >= STRAIGHT).then_some(way);
+    let mut others = vec![];
     for k in 0..asked.count {
-        let t = (k as f32 + 0.5) / asked.count as f32;
-        let partners = meeting.through(&edge, edge.ends[0].lerp(edge.ends[1], f64::from(t)));
+        if k % STRETCH == 0 {
+            others = meeting.beside(&edge, [point(k), point((k + STRETCH).min(asked.count) - 1)]);
+        }
+        let partners = meeting.through(&others, &edge, point(k));
         if partners.is_empty() {
             continue;
         }
+        let t = at(k);
         let (own, inside) = (edge.at(scene, t), borders.inside(&edge, t));
         for (other, s) in partners.iter().take(MOST_PARTNERS) {
             let [there, there_inside] = [other.at(scene, *s), borders.inside(other, *s)];
             let same = own.page == there.page && own.uv.distance(there.uv) < SAME;
             let texel = edge.texel().min(other.texel()) as f32;
             let on = own.normal.dot(there.normal) >= COS_FACING;
-            if !same && on && joined(tracer, patches, [&inside, &there_inside], texel) {
+            if !same && on && joined(tracer, patches, [&inside, &there_inside], texel, along) {
                 out.push((own.position, Row { sides: [taps(&own), taps(&there)], length: asked.length }));
             }
         }
@@ -170,11 +211,15 @@ fn rows(
     out
 }
 
-/// Both places are in the open and nothing stands between them.
-fn joined(tracer: &Tracer<'_>, patches: &Patches, [a, b]: [&Place; 2], texel: f32) -> bool {
+/// Both places are in the open and nothing stands between them, nor between those a little way `along` the seam [m].
+fn joined(tracer: &Tracer<'_>, patches: &Patches, [a, b]: [&Place; 2], texel: f32, along: Option<Vec3>) -> bool {
     let open = [a, b].iter().all(|place| patches.is_open(place.page, place.uv));
-    open && HEIGHTS.iter().all(|height| {
-        let [origin, target] = [a, b].map(|place| place.position + place.normal * (height * texel));
+    let free = |height: f32, way: Vec3| {
+        let [origin, target] = [a, b].map(|place| place.position + place.normal * (height * texel) + way);
         !tracer.occluded(&Ray { origin, direction: target - origin, t_max: 1.0 })
-    })
+    };
+    let [low, high] = HEIGHTS;
+    open && free(low, Vec3::ZERO)
+        && free(high, Vec3::ZERO)
+        && along.is_none_or(|along| free(high, along) && free(high, -along))
 }
