@@ -131,3 +131,90 @@ fn dot(n: usize, f: impl Fn(usize) -> DVec3 + Sync) -> DVec3 {
     let sum = |range: core::ops::Range<usize>| range.fold(DVec3::ZERO, |sum, i| sum + f(i));
     parallel::map_chunks(n, CHUNK, sum).into_iter().fold(DVec3::ZERO, |a, b| a + b)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// AᵀA + ε for a few rows A: symmetric and positive.
+    #[derive(Debug)]
+    struct Dense {
+        matrix: Vec<Vec<f64>>,
+        diagonal: Vec<f64>,
+    }
+
+    impl Dense {
+        fn new(rows: &[Vec<f64>], n: usize) -> Self {
+            let entry = |i: usize, j: usize| {
+                let sum: f64 = rows.iter().map(|row| row[i] * row[j]).sum();
+                sum + if i == j { 0.05 } else { 0.0 }
+            };
+            let matrix: Vec<Vec<f64>> = (0..n).map(|i| (0..n).map(|j| entry(i, j)).collect()).collect();
+            Self { diagonal: (0..n).map(|i| matrix[i][i]).collect(), matrix }
+        }
+    }
+
+    impl Equations for Dense {
+        fn times(&self, x: &[DVec3]) -> Vec<DVec3> {
+            self.matrix.iter().map(|row| row.iter().zip(x).fold(DVec3::ZERO, |sum, (a, x)| sum + *x * *a)).collect()
+        }
+
+        fn diagonal(&self) -> &[f64] {
+            &self.diagonal
+        }
+    }
+
+    prop_compose! {
+        fn problem()(n in 1usize..12)(
+            rows in prop::collection::vec(prop::collection::vec(-1.0..1.0f64, n), 1..20),
+            load in prop::collection::vec(prop::array::uniform3(-1.0..1.0f64), n),
+        ) -> (Dense, Vec<DVec3>) {
+            (Dense::new(&rows, load.len()), load.into_iter().map(DVec3::from_array).collect())
+        }
+    }
+
+    proptest! {
+        /// What Karush, Kuhn and Tucker ask of the least squares with x ≥ 0: where x > 0 the residual vanishes, at x = 0
+        /// nothing wants to grow.
+        #[test]
+        fn no_value_can_be_changed_for_the_better((system, load) in problem()) {
+            let x = solve(&system, &load, vec![DVec3::ZERO; load.len()], 1e-10, &Progress::default());
+            let product = system.times(&x);
+            for i in 0..x.len() {
+                for channel in 0..3 {
+                    let (x, residual) = (x[i][channel], load[i][channel] - product[i][channel]);
+                    prop_assert!(x >= 0.0);
+                    prop_assert!(residual <= 1e-6, "{i} {channel}: at {x} a residual of {residual}");
+                    prop_assert!(x < 1e-6 || residual.abs() <= 1e-6, "{i} {channel}: at {x} a residual of {residual}");
+                }
+            }
+        }
+
+        #[test]
+        fn of_either_sign_nothing_is_left((system, load) in problem()) {
+            let x = solve_signed(&system, &load, load.clone(), 1e-10, &Progress::default());
+            for (product, load) in system.times(&x).iter().zip(&load) {
+                prop_assert!((*product - *load).abs().max_element() <= 1e-6);
+            }
+        }
+    }
+
+    #[test]
+    fn a_known_solution_is_kept_and_nothing_of_nothing() {
+        let system = Dense::new(&[vec![1.0, -2.0], vec![0.5, 1.0]], 2);
+        let known = vec![DVec3::new(1.0, 0.0, 2.0), DVec3::new(0.5, 3.0, 0.0)];
+        let found = solve(&system, &system.times(&known), known.clone(), 1e-12, &Progress::default());
+        assert!(found.iter().zip(&known).all(|(a, b)| (*a - *b).abs().max_element() < 1e-9), "{found:?}");
+        assert!(solve(&Dense::new(&[], 0), &[], vec![], 1e-6, &Progress::default()).is_empty());
+    }
+
+    #[test]
+    fn cancelled_it_ends_with_what_it_has() {
+        let progress = Progress::default();
+        progress.cancel();
+        let system = Dense::new(&[vec![1.0, 0.3]], 2);
+        let start = vec![DVec3::ONE, -DVec3::ONE];
+        assert_eq!(solve(&system, &[DVec3::ONE; 2], start, 1e-6, &progress), [DVec3::ONE, DVec3::ZERO]);
+    }
+}
