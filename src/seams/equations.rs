@@ -58,8 +58,9 @@ const AROUND: [(i32, i32); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, 
 const TARGET: f64 = 0.003;
 /// Times that weights are changed.
 const ROUNDS: usize = 3;
-/// The most by which one change multiplies a weight.
-const MOST_TIMES: f64 = 10.0;
+/// The most by which all changes together multiply a weight. Without a limit, whole texels of a game's level at 0.7 texels
+/// per metre were 9.4 % off for its seams, instead of 4.5 %, where lamps hang nearer to walls than texels are wide.
+const MOST_TIMES: f64 = 5.0;
 
 /// Residual of the solution, relative to the light: a fifth of what half floats keep. With a tenth of it, a scan of 348,503
 /// triangles took 37 instead of 14 s, and its rounds ended before all was right that is fixed: steps of 8.6 instead of 5.2 %.
@@ -275,10 +276,11 @@ impl Equations {
     /// Gives rows more weight whose sides still differ by more than [`TARGET`].
     fn balance(&mut self, guide: &Lightmap, floor: f64, progress: &Progress) {
         let start = self.held(guide);
+        let most: Vec<f64> = self.demands.iter().map(|d| d.weight * MOST_TIMES).collect();
         let mut x = start.clone();
         for _ in 0..ROUNDS {
             x = self.solved(&start, &x, progress);
-            if progress.cancelled() || !self.strengthen(&x, floor) {
+            if progress.cancelled() || !self.strengthen(&x, floor, &most) {
                 break;
             }
             self.diagonal = self.squares();
@@ -288,14 +290,14 @@ impl Equations {
         self.gain = x.iter().zip(&start).map(gain).collect();
     }
 
-    /// Weights of rows whose sides differ too much, times how much too much. Whether there are any.
-    fn strengthen(&mut self, x: &[DVec3], floor: f64) -> bool {
+    /// Weights of rows whose sides differ too much, times how much too much, up to a limit. Whether any changed.
+    fn strengthen(&mut self, x: &[DVec3], floor: f64, most: &[f64]) -> bool {
         let mut any = false;
-        for d in self.demands.iter_mut().filter(|d| d.goal == Goal::Agreed) {
+        for (d, most) in self.demands.iter_mut().zip(most).filter(|(d, _)| d.goal == Goal::Agreed) {
             let (a, b) = (d.sum(0..4, x), -d.sum(4..8, x));
             let step = (a - b).abs().max_element() / ((a + b).element_sum() / 6.0).max(floor).max(f64::MIN_POSITIVE);
-            if step > TARGET {
-                d.weight *= (step / TARGET).min(MOST_TIMES);
+            if step > TARGET && d.weight < *most {
+                d.weight = (d.weight * step / TARGET).min(*most);
                 any = true;
             }
         }
