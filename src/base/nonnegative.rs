@@ -137,7 +137,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// AᵀA + ε for a few rows A: symmetric and positive.
+    /// The product of a few rows with themselves, transposed, and a little more on the diagonal: symmetric and positive.
     #[derive(Debug)]
     struct Dense {
         matrix: Vec<Vec<f64>>,
