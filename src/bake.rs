@@ -5,6 +5,7 @@
 //! `solve` is one pass of the solver, `refine` makes as many of them as `plan` says; `write` puts results into files.
 
 mod clock;
+mod dark;
 mod directional;
 mod groups;
 mod html;
@@ -23,7 +24,7 @@ use crate::base::{Progress, Rgb, Warned, Warning, parallel};
 use crate::contacts;
 use crate::finish::{self, Errors, Lightmap};
 use crate::gather;
-use crate::memory::Estimate;
+use crate::memory::{self, Estimate};
 use crate::output::{self, report};
 use crate::patches::{PatchGraph, Patches};
 use crate::scene::{self, Scene};
@@ -182,8 +183,9 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     };
     let mut solution = refine::refine(&setup, &groups, &mut clock, &rehearse)?;
     warnings.append(&mut solution.warnings);
+    let light = solution.halves.irradiance();
+    warnings.extend(dark::warning(&scene, &light));
     if !to_vertices {
-        let light = solution.halves.irradiance();
         warnings.extend(thin::warnings(&tracer, &atlas, &patches, &light, settings.cut_contacts));
     }
     let mut results = clock.timed("finish", |progress| finished(&solution, progress))?;
@@ -206,7 +208,7 @@ fn load(input: &Path, settings: &Settings) -> Result<Warned<Scene>, scene::Error
         variant: settings.variant.clone(),
         normal_maps: settings.normal_maps,
         albedo_density: Some(settings.texels_per_meter),
-        memory_limit: settings.memory_limit,
+        memory_limit: memory::limit(settings),
     };
     let mut loaded = scene::load(input, &how)?;
     loaded.warnings.extend(treated::warning(&loaded.output, settings));
@@ -220,7 +222,7 @@ fn load(input: &Path, settings: &Settings) -> Result<Warned<Scene>, scene::Error
 
 /// Refuses what needs more memory than it may have.
 fn admit(scene: &Scene, atlas: &Atlas, settings: &Settings) -> Result<(), Error> {
-    let refusal = Estimate::new(scene, atlas, settings).refusal(settings.memory_limit);
+    let refusal = Estimate::new(scene, atlas, settings).refusal(memory::limit(settings), scene);
     refusal.map_or(Ok(()), |why| Err(Error::Memory(why)))
 }
 

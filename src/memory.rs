@@ -6,10 +6,13 @@
 //! measured, by no more than a factor of 1.6.
 
 use crate::atlas::Atlas;
+use crate::base::MemoryLimit;
+use crate::base::memory_limit::in_words;
 use crate::scene::{Footprint, Scene};
 use crate::settings::{Aov, Directional, Settings};
 use core::fmt::Write;
 use std::collections::BTreeSet;
+use sysinfo::{MemoryRefreshKind, RefreshKind, System};
 
 /// Program, threads, and what the allocator keeps [bytes].
 const PROGRAM: u64 = 32 << 20;
@@ -23,6 +26,8 @@ const PER_SOLUTION: u64 = 220;
 const PER_VECTORS: u64 = 160;
 /// A lightmap of 32-bit floats, on its way to a file [bytes].
 const PER_PIXEL: u64 = 24;
+/// Size of a scene [m] from which on its unit is asked about.
+const LARGE: f32 = 1000.0;
 
 /// Bytes at the peak of a bake, by what they are for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -64,27 +69,40 @@ impl Estimate {
 
     /// Why a bake is refused that may take no more than `limit` bytes; `None` = it is not.
     #[must_use]
-    pub fn refusal(&self, limit: Option<u64>) -> Option<String> {
-        let limit = limit.filter(|&limit| self.bytes > limit)?;
+    pub fn refusal(&self, limit: Option<MemoryLimit>, scene: &Scene) -> Option<String> {
+        let limit = limit.filter(|limit| limit.refuses(self.bytes))?;
         let advice = match self.geometry + self.textures {
             scene if scene > self.bytes / 2 => "bake it in several pieces, or scale its textures down",
             _ => "lower --texels-per-meter, or leave out --light-groups, --directional or layers of --aov",
         };
-        let (limit, words) = (size(limit), self.words());
-        Some(format!("the bake needs about {words}, above the limit of {limit}; {advice}, or raise --memory-limit"))
+        let (words, doubt) = (self.words(), doubt_of_unit(scene));
+        Some(format!("the bake needs about {words}, more than {limit}; {advice}, or raise --memory-limit{doubt}"))
     }
 
     /// For people: all of it, and its parts.
     #[must_use]
     pub fn words(&self) -> String {
-        let mut words = size(self.bytes);
+        let mut words = in_words(self.bytes);
         let parts =
             [("geometry", self.geometry), ("textures", self.textures), ("texels", self.texels), ("pages", self.pages)];
-        let named: Vec<String> = parts.iter().map(|(name, bytes)| format!("{name} {}", size(*bytes))).collect();
+        let named: Vec<String> = parts.iter().map(|(name, bytes)| format!("{name} {}", in_words(*bytes))).collect();
         // Writing to a string cannot fail.
         let _ = write!(words, " ({})", named.join(", "));
         words
     }
+}
+
+/// What to do about a scene so large that its unit may not be the metre.
+fn doubt_of_unit(scene: &Scene) -> String {
+    let size = scene.extent();
+    if size.max_element() < LARGE {
+        return String::new();
+    }
+    let [x, y, z] = size.to_array();
+    format!(
+        ". The scene measures {x:.0} x {y:.0} x {z:.0} m; where its unit is not the metre, as glTF wants, scale it, or \
+         divide --texels-per-meter by as much"
+    )
 }
 
 /// Light groups: each name, and what has none.
@@ -117,10 +135,13 @@ fn pictures(settings: &Settings, groups: u64) -> u64 {
     1 + groups + directional + layers
 }
 
-/// For people: `1.2 GiB`.
-fn size(bytes: u64) -> String {
-    match bytes {
-        0..0x4000_0000 => format!("{:.0} MiB", bytes as f64 / f64::from(1 << 20)),
-        _ => format!("{:.1} GiB", bytes as f64 / f64::from(1 << 30)),
-    }
+/// What a bake may take: what the user says, or else what the machine has, or the container that the program runs in.
+#[must_use]
+pub fn limit(settings: &Settings) -> Option<MemoryLimit> {
+    let has = || {
+        let system = System::new_with_specifics(RefreshKind::nothing().with_memory(MemoryRefreshKind::everything()));
+        let container = system.cgroup_limits().map_or(u64::MAX, |limits| limits.total_memory);
+        Some(system.total_memory().min(container)).filter(|&bytes| bytes > 0).map(MemoryLimit::Machine)
+    };
+    settings.memory_limit.map(MemoryLimit::Asked).or_else(has)
 }

@@ -233,7 +233,8 @@ pub struct Options {
     /// Worker threads; the result never depends on it [default: all CPUs]
     #[arg(long, value_name = "N", help_heading = "Run")]
     pub threads: Option<usize>,
-    /// Refuse a bake that would need more memory than this, before it is needed: 500MB, 8GiB [default: no limit]
+    /// Refuse a bake that would need more memory than this, before it is needed: 500MB, 8GiB [default: what
+    /// the machine, or the container, has]
     #[arg(long, value_name = "SIZE", help_heading = "Run")]
     pub memory_limit: Option<ByteCount>,
     /// What to do otherwise with what has certain names; later rules win. Not on the command line.

@@ -206,6 +206,22 @@ fn strict_turns_warnings_into_code_5_with_outputs() {
 }
 
 #[test]
+fn a_black_bake_says_why() {
+    let home = folder();
+    let cornell = fixture("cornell/cornell.gltf");
+    let config = home.path().join("dark.toml");
+    fs::write(&config, "[[rules]]\nnodes = [\"*\"]\nemission = 0\n").unwrap();
+    let bake = |more: &[&str]| {
+        let all = [&["bake", path(&cornell), "-o", path(home.path())], more, &QUICK].concat();
+        text(&expect(&all, 0).stderr).to_owned()
+    };
+    let dark = bake(&["--config", path(&config)]);
+    assert!(dark.contains("warning: no-light: the scene has no light") && dark.contains("--sky"), "{dark}");
+    assert!(!bake(&["--config", path(&config), "--sky", "1"]).contains("no-light"));
+    assert!(!bake(&[]).contains("no-light"));
+}
+
+#[test]
 fn compare_tells_equal_from_different() {
     let home = folder();
     let cornell = fixture("cornell/cornell.gltf");

@@ -1,4 +1,4 @@
-//! Memory: what `inspect` estimates against what a bake takes, and what `--memory-limit` refuses.
+//! Memory: what `inspect` estimates against what a bake takes, and what is refused, with `--memory-limit` and without.
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "tests")]
 
 #[path = "support/gltf_builder.rs"]
@@ -129,6 +129,26 @@ fn what_needs_more_than_the_limit_is_refused_before_it_takes_it() {
     let (code, message) =
         bake(&["--memory-limit", "2GiB", "--texels-per-meter", "4", "--gather", "2", "--direct-samples", "1"]);
     assert_eq!(code, 0, "{message}");
+}
+
+/// A room whose unit is the millimetre would take weeks and more memory than there is: refused, without being asked to.
+#[test]
+fn what_the_machine_cannot_hold_is_refused() {
+    let home = tempfile::tempdir().unwrap();
+    let mut b = Builder::new();
+    let position = b.floats("VEC3", &[0.0, 0.0, 0.0, 0.0, 0.0, 9e6, 9e6, 0.0, 0.0]);
+    let mesh = b.push("meshes", json!({"primitives": [{"attributes": {"POSITION": position}}]}));
+    b.push("nodes", json!({"mesh": mesh}));
+    let (input, output) = (home.path().join("mm.glb"), home.path().join("out/mm.glb"));
+    fs::write(&input, b.glb(&[])).unwrap();
+    let args = ["bake", input.to_str().unwrap(), "-o", output.to_str().unwrap(), "--page-size", "16384"];
+    let out = texelwalk(&args);
+    let message = String::from_utf8(out.stderr).unwrap();
+    assert_eq!(out.status.code(), Some(1), "{message}");
+    for part in ["the bake needs about", "of this machine", "--memory-limit", "9000000 x 0 x 9000000 m", "unit"] {
+        assert!(message.contains(part), "{part} is missing in {message}");
+    }
+    assert!(!home.path().join("out").exists(), "something was written");
 }
 
 /// A document of a thousand pictures, each decoded once. The numbers are in the README.

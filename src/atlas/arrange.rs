@@ -159,10 +159,11 @@ fn meets(block: &Block, place: Place, level: u32, arranged: &Arranged) -> bool {
 
 fn warn_of_lowered(scene: &Scene, lowered: &[(u32, f64)], warnings: &mut Vec<Warning>) {
     for group in lowered.chunk_by(|a, b| a.0 == b.0) {
-        let name = &scene.parts[group[0].0 as usize].name;
+        let part = &scene.parts[group[0].0 as usize];
+        let (name, material) = (&part.name, &scene.materials[part.material].name);
         let least = group.iter().fold(1.0, |least: f64, (_, factor)| least.min(*factor));
         let message = format!(
-            "{} chart(s) of {name} are larger than a page and cannot be cut; their density was lowered, at most by the \
+            "{} chart(s) of {name}, material {material}, are larger than a page and cannot be cut; their density was lowered, at most by the \
              factor {least:.4}",
             group.len(),
         );

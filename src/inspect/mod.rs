@@ -32,6 +32,8 @@ pub struct Facts {
     pub triangles: usize,
     /// World area of all parts [m²].
     pub area: f64,
+    /// Size of all surface along the axes [m].
+    pub size: [f32; 3],
     /// Materials that parts use.
     pub materials: Vec<MaterialFacts>,
     /// Punctual lights, then the document's environment.
@@ -105,6 +107,7 @@ pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
     Ok(Facts {
         input: input.display().to_string(),
         triangles: scene.triangle_count(),
+        size: scene.extent().to_array(),
         area: parts.iter().map(|p| p.area).fold(0.0, |a, b| a + b),
         parts,
         materials,

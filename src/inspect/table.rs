@@ -31,7 +31,9 @@ impl Facts {
         }
         let (total, area) = ("in all", self.area);
         let texels = self.parts.iter().map(|p| p.texels).fold(0.0, |a, b| a + b);
-        writeln!(out, "{total:<28} {:>10} {area:>10.3} {texels:>10.0} {:>7}", self.triangles, self.charts)
+        writeln!(out, "{total:<28} {:>10} {area:>10.3} {texels:>10.0} {:>7}", self.triangles, self.charts)?;
+        let [x, y, z] = self.size;
+        writeln!(out, "size: {x:.3} x {y:.3} x {z:.3} m")
     }
 
     fn write_light(&self, out: &mut String) -> core::fmt::Result {

@@ -10,6 +10,7 @@
 //! Invariant: without copies, ids are places in `Scene::triangles` and `Scene::vertices`, and nothing is looked up.
 
 use super::{Part, Scene, Vertices};
+use crate::base::parallel;
 use core::ops::Range;
 use glam::{DMat3, DMat4, DVec3, Vec2, Vec3, Vec4};
 
@@ -116,6 +117,8 @@ impl Copies {
 
 const TRIANGLE: usize = 0;
 const VERTEX: usize = 1;
+/// Triangles that one thread takes at a time.
+const CHUNK: usize = 1 << 16;
 
 impl Scene {
     /// Number of triangles of all parts.
@@ -164,6 +167,18 @@ impl Scene {
         let (stored, placement) = self.stored_corners(triangle);
         let corners = stored.map(|v| self.vertices.position[v as usize]);
         placement.map_or(corners, |placement| corners.map(|p| placement.position(p)))
+    }
+
+    /// Size of all surface along the axes [m]; zero without any.
+    #[must_use]
+    pub fn extent(&self) -> Vec3 {
+        let box_of = |(low, high): (Vec3, Vec3), p: Vec3| (low.min(p), high.max(p));
+        let none = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        let boxes = parallel::map_chunks(self.triangle_count(), CHUNK, |triangles| {
+            triangles.flat_map(|t| self.corners(t as u32)).fold(none, box_of)
+        });
+        let (low, high) = boxes.into_iter().flat_map(|(low, high)| [low, high]).fold(none, box_of);
+        (high - low).max(Vec3::ZERO)
     }
 
     /// Unit normals at the corners of a triangle.

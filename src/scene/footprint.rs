@@ -11,6 +11,8 @@ use super::EqualParts;
 use super::Error;
 use super::Part;
 use super::Scene;
+use crate::base::MemoryLimit;
+use crate::base::memory_limit::in_words;
 
 /// Numbers that memory depends on.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
@@ -102,18 +104,17 @@ impl Footprint {
     }
 
     /// Refuses what needs more than `limit` bytes.
-    pub(super) fn admit(&self, limit: Option<u64>) -> Result<(), Error> {
+    pub(super) fn admit(&self, limit: Option<MemoryLimit>) -> Result<(), Error> {
         let needed = self.geometry_bytes() + self.texture_bytes();
         match limit {
-            Some(limit) if needed > limit => Err(Error::memory(format!(
-                "loading it needs about {} of memory, above the limit of {}: {} for {} vertices and {} triangles, {} for \
+            Some(limit) if limit.refuses(needed) => Err(Error::memory(format!(
+                "loading it needs about {} of memory, more than {limit}: {} for {} vertices and {} triangles, {} for \
                  textures with {} pixels; raise --memory-limit, bake it in several pieces, or scale its textures down",
-                gibibytes(needed),
-                gibibytes(limit),
-                gibibytes(self.geometry_bytes()),
+                in_words(needed),
+                in_words(self.geometry_bytes()),
                 self.vertices,
                 self.triangles,
-                gibibytes(self.texture_bytes()),
+                in_words(self.texture_bytes()),
                 self.texture_pixels
             ))),
             _ => Ok(()),
@@ -124,9 +125,4 @@ impl Footprint {
 fn document_bytes(document: &Document) -> u64 {
     let buffers: usize = document.buffers.iter().map(Vec::len).sum();
     (document.json.len() + buffers) as u64
-}
-
-/// For people: `1.23 GiB`.
-fn gibibytes(bytes: u64) -> String {
-    format!("{:.2} GiB", bytes as f64 / (1u64 << 30) as f64)
 }

@@ -23,6 +23,7 @@ use super::punctual;
 use super::reduce;
 use super::treat::Treater;
 use super::variants;
+use crate::base::MemoryLimit;
 use crate::base::Warned;
 use std::path::Path;
 
@@ -53,7 +54,7 @@ pub struct Settings {
     /// quarter of a texel. `None` = all images stay as they are.
     pub albedo_density: Option<f32>,
     /// Most memory that a bake may need for the scene alone [bytes].
-    pub memory_limit: Option<u64>,
+    pub memory_limit: Option<MemoryLimit>,
 }
 
 /// Triangles from which on it is worth it to share them: they take about a gigabyte, and rays among copies take longer.
