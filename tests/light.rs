@@ -18,7 +18,7 @@ use texelwalk::base::{Progress, Rgb, Stream, warp};
 use texelwalk::gather;
 use texelwalk::light;
 use texelwalk::patches::Tilts;
-use texelwalk::scene::{Class, Environment, Light, Material, Scene, Texture, TextureRef, Wrap};
+use texelwalk::scene::{Class, Environment, Light, Scene};
 use texelwalk::walk::{self, Splat};
 
 /// How many standard deviations the χ² of `counts` against `expected` (both sum to the same) lies off its mean.
@@ -336,75 +336,6 @@ fn a_disc_in_an_environment_is_a_sun() {
     for i in (0..a.len()).filter(|&i| up(i)) {
         assert!((a[i].x - b[i].x).abs() < 0.06 * peak, "texel {i}: {} against {}", a[i].x, b[i].x);
     }
-}
-
-/// A floor under a square emitter whose texture glows in `lit` of 16 × 16 texels (row-major).
-fn textured(lit: impl Fn(usize) -> bool) -> Scene {
-    let emitter = square(Vec3::new(0.0, 1.0, 0.0), Vec3::X * 2.0, Vec3::Z * 2.0);
-    let mut all = square(Vec3::ZERO, Vec3::Z * 2.0, Vec3::X * 2.0).to_vec();
-    all.extend(emitter);
-    let mut scene = support::scene_from_triangles(&all);
-    split(&mut scene, 2);
-    for v in 0..scene.vertices.position.len() {
-        let p = scene.vertices.position[v];
-        scene.vertices.uv[0][v] = Vec2::new(p.x, p.z) / 2.0;
-    }
-    let pixels = (0..256).map(|i| if lit(i) { [255; 4] } else { [0, 0, 0, 255] }).collect();
-    scene.textures.push(Texture { width: 16, height: 16, pixels, wrap: [Wrap::Clamp; 2], nearest: true });
-    scene.materials[1].emission_texture =
-        Some(TextureRef { texture: 0, uv_set: 0, transform: glam::Affine2::IDENTITY });
-    scene
-}
-
-/// Makes the triangles from `first` on a second, glowing part.
-fn split(scene: &mut Scene, first: u32) {
-    let all = scene.triangles.len() as u32;
-    scene.materials.push(Material { emission: Rgb::ONE, ..support::white() });
-    let mut second = scene.parts[0].clone();
-    scene.parts[0].triangles = 0..first;
-    scene.parts[0].vertices = 0..3 * first;
-    second.triangles = first..all;
-    second.vertices = 3 * first..3 * all;
-    second.material = scene.materials.len() - 1;
-    scene.parts.push(second);
-    scene.triangle_part[first as usize..].fill(1);
-}
-
-#[test]
-fn a_texture_that_glows_in_a_corner_is_a_lamp_in_that_corner() {
-    let by_texture = textured(|i| i % 16 < 2 && i / 16 < 2);
-    let mut all = square(Vec3::ZERO, Vec3::Z * 2.0, Vec3::X * 2.0).to_vec();
-    all.extend(square(Vec3::new(0.0, 1.0, 0.0), Vec3::X * 0.25, Vec3::Z * 0.25));
-    let mut by_shape = support::scene_from_triangles(&all);
-    split(&mut by_shape, 2);
-    let (texture, shape) = (Stage::new(&by_texture, 8.0), Stage::new(&by_shape, 8.0));
-    let up = |s: &Stage<'_>, i: usize| s.patches.normal[i].y > 0.9;
-    let a = texture.mean(&texture.direct(64), |i| up(&texture, i));
-    let b = shape.mean(&shape.direct(64), |i| up(&shape, i));
-    assert!((a / b - 1.0).abs() < 5e-3, "{a} against {b}");
-    let error = |s: &Stage<'_>| {
-        let light = s.direct_halves(32, 1);
-        let square = |i: usize| f64::from((light.halves[0][i] - light.halves[1][i]).length_squared()) / 12.0;
-        let floor: Vec<usize> = (0..s.patches.front).filter(|&i| up(s, i)).collect();
-        (floor.iter().map(|&i| square(i)).fold(0.0, |a, b| a + b) / floor.len() as f64).sqrt() / b
-    };
-    // Uniform sampling of the square would hit the corner once in 64 times, and be off by 1.4.
-    assert!(error(&texture) < 0.05, "{}", error(&texture));
-}
-
-#[test]
-fn a_texture_of_one_texel_is_found() {
-    let lone = textured(|i| i == 8 * 16 + 9);
-    let stage = Stage::new(&lone, 4.0);
-    let up = |i: usize| stage.patches.normal[i].y > 0.9;
-    let mean = stage.mean(&stage.direct(256), up);
-    let mut expected = 0.0;
-    let floor: Vec<usize> = (0..stage.patches.front).filter(|&i| up(i)).collect();
-    for &i in &floor {
-        let to = Vec3::new((9.5) / 8.0, 1.0, 8.5 / 8.0) - stage.patches.position[i];
-        expected += f64::from(to.y * to.y / to.length_squared().powi(2)) / 64.0 / floor.len() as f64;
-    }
-    assert!((mean / expected - 1.0).abs() < 0.01, "{mean} against {expected}");
 }
 
 /// A hall with pillars and n point lights below its ceiling, the same power in all.

@@ -153,9 +153,17 @@ pub(super) fn material(scene: &Scene, index: usize) -> MaterialFacts {
     }
 }
 
-/// Radiance that a material emits on the mean [cd/m²].
+/// Radiance that a material emits on the mean, of what its alpha leaves of it [cd/m²].
 fn mean_emission(scene: &Scene, material: &Material) -> Rgb {
-    material.emission * mean(scene, material.emission_texture.as_ref())
+    let texture = |r: &Option<TextureRef>| r.as_ref().and_then(|r| scene.textures.get(r.texture));
+    let (glow, cover) = (texture(&material.emission_texture), texture(&material.base_color_texture));
+    material.emission
+        * mean_over(|uv| {
+            let alpha = material.base_color.w * cover.map_or(1.0, |texture| texture.sample_alpha(uv));
+            let color = glow.map_or(Vec4::ONE, |texture| texture.sample_srgb(uv));
+            color * material.alpha.coverage(alpha)
+        })
+        .truncate()
 }
 
 /// Mean colour of a texture; white without one.
@@ -165,9 +173,14 @@ fn mean(scene: &Scene, texture: Option<&TextureRef>) -> Rgb {
 }
 
 fn mean_of(texture: &Texture) -> Vec4 {
+    mean_over(|uv| texture.sample_srgb(uv))
+}
+
+/// Mean over a whole picture.
+fn mean_over(value: impl Fn(Vec2) -> Vec4) -> Vec4 {
     let at = |i: usize| (i as f32 + 0.5) / GRID as f32;
     let points = (0..GRID * GRID).map(|i| Vec2::new(at(i % GRID), at(i / GRID)));
-    points.map(|uv| texture.sample_srgb(uv)).fold(Vec4::ZERO, |a, b| a + b) / (GRID * GRID) as f32
+    points.map(value).fold(Vec4::ZERO, |a, b| a + b) / (GRID * GRID) as f32
 }
 
 #[cfg(test)]

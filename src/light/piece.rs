@@ -1,7 +1,7 @@
 //! Pieces of emissive triangles: what a sample aims at.
 //!
-//! An emitter of one colour is one piece. One with a texture is cut into up to 4³ similar pieces, as far as the texture
-//! varies, so that bright parts of it get the samples: its distribution is piecewise constant over a barycentric grid.
+//! An emitter of one colour is one piece. One with a texture, or with alpha, is cut into up to 4³ similar pieces, as far
+//! as its emission varies, so that bright parts of it get the samples: its distribution is piecewise constant over a barycentric grid.
 //! Dark pieces keep a share, [`LEAST`], in case the texture glows between the points where it was read.
 //!
 //! A direction to a piece is drawn uniformly from its solid angle (Arvo 1995), so near pieces have no peak of variance.
@@ -9,7 +9,7 @@
 use super::site::Site;
 use crate::base::color::luminance;
 use crate::base::{Rgb, warp};
-use crate::scene::Scene;
+use crate::scene::{Alpha, Scene};
 use crate::trace::Ground;
 use core::f32::consts::PI;
 use glam::{Vec2, Vec3};
@@ -60,7 +60,8 @@ pub(super) struct Sampled {
 /// The pieces of one triangle, appended to `out`.
 pub(super) fn cut(scene: &Scene, triangle: u32, out: &mut Vec<Piece>) {
     let whole = [Vec2::ZERO, Vec2::X, Vec2::Y];
-    if scene.material(triangle).emission_texture.is_none() {
+    let material = scene.material(triangle);
+    if material.emission_texture.is_none() && material.alpha == Alpha::Opaque {
         out.extend(Piece::new(scene, triangle, whole, scene.most_emission(triangle)));
         return;
     }
@@ -71,10 +72,10 @@ pub(super) fn cut(scene: &Scene, triangle: u32, out: &mut Vec<Piece>) {
     }
 }
 
-/// The texture has a texel above black, wherever it is.
+/// The texture has a texel above black, wherever it is, or there is none.
 fn glows(scene: &Scene, triangle: u32) -> bool {
     let texture = scene.material(triangle).emission_texture.as_ref().map(|r| &scene.textures[r.texture]);
-    texture.is_some_and(|t| t.pixels.iter().any(|p| p[..3] != [0, 0, 0]))
+    texture.is_none_or(|t| t.pixels.iter().any(|p| p[..3] != [0, 0, 0]))
 }
 
 /// Cuts a piece in four where that tells bright from dark; the mean emission of what became of it.

@@ -108,6 +108,18 @@ pub struct TextureRef {
     pub transform: Affine2,
 }
 
+impl Alpha {
+    /// What it leaves of the surface, in [0, 1].
+    #[must_use]
+    pub fn coverage(self, alpha: f32) -> f32 {
+        match self {
+            Self::Opaque => 1.0,
+            Self::Mask(cutoff) => f32::from(u8::from(alpha >= cutoff)),
+            Self::Blend => alpha.clamp(0.0, 1.0),
+        }
+    }
+}
+
 impl Material {
     /// It stops all light everywhere.
     #[must_use]

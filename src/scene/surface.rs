@@ -126,33 +126,44 @@ impl Scene {
         material.transmission_texture.as_ref().map_or(material.transmission, |r| material.transmission * texel(r))
     }
 
-    /// Emitted radiance of the front side [cd/m²] (both sides of a double-sided material), as others are lit by it.
+    /// Emitted radiance of the front side [cd/m²] (both sides of a double-sided material), as others are lit by it: what
+    /// alpha leaves of the surface glows.
     #[must_use]
     pub fn emission(&self, triangle: u32, b: Vec2) -> Rgb {
         let Treatment { casts, emission, .. } = self.part(triangle).treatment;
-        if casts { self.shown_emission(triangle, b) * emission } else { Rgb::ZERO }
+        let material = self.material(triangle);
+        if !(casts && material.glows()) {
+            return Rgb::ZERO;
+        }
+        self.glow(material, triangle, b) * (emission * self.coverage(material, triangle, b))
     }
 
-    /// The same without the texture: no point of the triangle emits more [cd/m²].
+    /// The same without textures: no point of the triangle emits more [cd/m²].
     #[must_use]
     pub fn most_emission(&self, triangle: u32) -> Rgb {
         self.material(triangle).emission * self.part(triangle).treatment.emission
     }
 
-    /// Emitted radiance as the document has it, which is what can be seen [cd/m²].
+    /// Emitted radiance as the document has it, which is what can be seen [cd/m²], of what the surface stops (see
+    /// [`Scene::opacity`]).
     #[must_use]
     pub fn shown_emission(&self, triangle: u32, b: Vec2) -> Rgb {
         let material = self.material(triangle);
         if !material.glows() {
             return Rgb::ZERO;
         }
-        match &material.emission_texture {
-            None => material.emission,
-            Some(r) => {
-                let texel = self.textures[r.texture].sample_srgb(self.texture_uv(triangle, b, r));
-                material.emission * texel.truncate()
-            }
+        let glow = self.glow(material, triangle, b);
+        if material.transmission == 0.0 {
+            return glow;
         }
+        let stopped = self.opacity(triangle, b);
+        if stopped > 0.0 { glow * (self.coverage(material, triangle, b) / stopped) } else { Rgb::ZERO }
+    }
+
+    /// What a point that exists emits [cd/m²].
+    fn glow(&self, material: &Material, triangle: u32, b: Vec2) -> Rgb {
+        let texel = |r: &TextureRef| self.textures[r.texture].sample_srgb(self.texture_uv(triangle, b, r)).truncate();
+        material.emission_texture.as_ref().map_or(material.emission, |r| material.emission * texel(r))
     }
 
     /// Probability in [0, 1] that the surface stops a ray at this point: 1 − the largest channel of
@@ -192,11 +203,10 @@ impl Scene {
 
     /// What alpha leaves of the surface at this point, in [0, 1].
     fn coverage(&self, material: &Material, triangle: u32, b: Vec2) -> f32 {
-        match material.alpha {
-            Alpha::Opaque => 1.0,
-            Alpha::Mask(cutoff) => f32::from(u8::from(self.alpha(material, triangle, b) >= cutoff)),
-            Alpha::Blend => self.alpha(material, triangle, b).clamp(0.0, 1.0),
+        if material.alpha == Alpha::Opaque {
+            return 1.0;
         }
+        material.alpha.coverage(self.alpha(material, triangle, b))
     }
 
     /// The alpha of [`Scene::base_color`], without its colour: this is asked for at every hit of a masked surface.
