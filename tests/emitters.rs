@@ -101,7 +101,7 @@ fn what_alpha_leaves_of_a_surface_glows() {
     assert!((faint - 0.25).abs() < 1e-3, "{faint}");
     let faint = with(Alpha::Blend, 1.0, &|_| [255, 255, 255, 51]);
     assert!((faint - 0.2).abs() < 1e-3, "{faint}");
-    let checkered = |i: usize| [255, 255, 255, if (i / 16 + i) % 2 == 0 { 255 } else { 0 }];
+    let checkered = |i: usize| [255, 255, 255, if (i / 16 + i).is_multiple_of(2) { 255 } else { 0 }];
     let holes = with(Alpha::Mask(0.5), 1.0, &checkered);
     assert!((holes - 0.5).abs() < 5e-3, "{holes}");
     assert_eq!(with(Alpha::Mask(0.5), 0.4, &|_| [255; 4]), 0.0);

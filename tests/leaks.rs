@@ -7,7 +7,7 @@
 mod sealed;
 
 use glam::{Mat3, Vec3};
-use sealed::{LIT, Place, Rect, Seen};
+use sealed::{Baked, LIT, Place, Rect, Seen, bake_glb};
 use texelwalk::check::{self, Kind};
 
 /// How the walls of a room meet.
@@ -109,6 +109,32 @@ fn furniture_leaves_no_dark_strip_on_the_floor_around_it() {
         let seen = place.look(&place.bake(THICK));
         assert!(seen.lit >= LIT && seen.lit_points > 500, "{offset}: {seen:?}");
     }
+}
+
+/// The same bake with all surfaces double-sided, as many exporters write them.
+fn two_sided(place: &Place) -> Baked {
+    bake_glb(&place.glb_with(|b| b.json["materials"][0]["doubleSided"] = true.into()), THICK)
+}
+
+#[test]
+fn walls_of_double_sided_sheets_are_tight_too() {
+    for (k, (thick, offset)) in [(0.3, 0.031), (0.32, 0.056), (0.375, 0.0), (0.4, 0.119)].into_iter().enumerate() {
+        for walls in [Walls::Touching, Walls::Overlapping] {
+            let mut place = room(walls, [1.4, 1.1], thick, offset);
+            (place.turn, place.shift) = (0.37 * k as f32, Vec3::new(3.0, -1.0, 7.0) * k as f32);
+            assert_tight(&format!("{walls:?} {thick} {offset}"), place.look(&two_sided(&place)));
+        }
+    }
+}
+
+#[test]
+fn double_sided_furniture_leaves_no_dark_strip_either() {
+    let mut place = Place::default();
+    place.sheet("floor", [-1.6, -1.4], [1.6, 1.4]);
+    place.solid("crate", Vec3::new(0.04, 0.0, 0.04), Vec3::new(0.54, 0.4, 0.49));
+    place.solid("cupboard", Vec3::new(-0.86, 0.0, -0.2), Vec3::new(-0.16, 0.7, 0.6));
+    let seen = place.look(&two_sided(&place));
+    assert!(seen.lit >= LIT && seen.lit_points > 500, "{seen:?}");
 }
 
 /// Walls of a centimetre, texels of six.

@@ -48,7 +48,8 @@ pub(super) fn turn(
         }
     }
     sums.retain(|_, [front, back]| *front < DARK * *back);
-    patches.turn(sums.into_keys().collect());
+    let charts = sums.into_keys().collect();
+    clock.timed("turn", |progress| patches.turn(tracer, charts, progress))?;
     Ok(warnings(tracer, atlas, patches))
 }
 

@@ -24,6 +24,8 @@ pub enum Stage {
     Alpha = 6,
     /// How open the surroundings are.
     Openness = 7,
+    /// Ways out of narrow places.
+    Pockets = 8,
 }
 
 /// Mixes 64 bits; a bijection in which every input bit changes half of the output bits.

@@ -25,15 +25,15 @@ fn around(cell: usize) -> u64 {
 
 impl Patches {
     /// The cell of the exposure mask that a point lies in, or one of the eight around it, is exposed.
-    pub(super) fn is_near_exposed(&self, front: usize, point: DVec2) -> bool {
-        around(cell_index(point, MASK_GRID)) & self.mask[front] != 0
+    pub(super) fn is_near_exposed(&self, patch: usize, point: DVec2) -> bool {
+        around(cell_index(point, MASK_GRID)) & self.mask[patch] != 0
     }
 
     /// The cell of the exposure mask that a point lies in and the eight around it are exposed. Of a cell at the texel's
     /// border it is not known.
-    pub(super) fn is_inside_exposed(&self, front: usize, point: DVec2) -> bool {
+    pub(super) fn is_inside_exposed(&self, patch: usize, point: DVec2) -> bool {
         let around = around(cell_index(point, MASK_GRID));
-        around.count_ones() == 9 && around & !self.mask[front] == 0
+        around.count_ones() == 9 && around & !self.mask[patch] == 0
     }
 
     /// A position on a page [texels] lies on surface that is in the open: in an exposed cell of a patch's mask.
@@ -49,10 +49,10 @@ impl Patches {
     /// least as finely as its mask, so that the centroid of a cell speaks for all of it.
     pub fn cells(&self, patch: usize, n: u32, mut visit: impl FnMut(SurfacePoint, Vec2, f32)) {
         let front = self.front_patch(patch);
-        let n = if self.mask[front] == u64::MAX { n } else { n.max(MASK_GRID) };
+        let n = if self.mask[patch] == u64::MAX { n } else { n.max(MASK_GRID) };
         for f in self.fragments.range(front) {
             self.cell_centroids(front, f, n, |point, centroid, area| {
-                if self.is_exposed_at(front, centroid) {
+                if self.is_exposed_at(patch, centroid) {
                     visit(point, centroid.as_vec2(), area);
                 }
             });

@@ -6,8 +6,8 @@
 //! of 8 × 8 cells. Where we differ: cells are tested only where something stands near or over the texel's centre.
 //!
 //! A point is hidden when at least [`HIDDEN_HITS`] of [`PROBES`] rays over its hemisphere meet the back of single-sided
-//! surfaces, or more backs than fronts on their way out of the scene: it then lies in a solid. Double-sided surfaces hide
-//! nothing, sheets with one side only what lies behind them in texels that have a part before them
+//! surfaces, or more backs than fronts on their way out of the scene: it then lies in a solid. Of double-sided
+//! surfaces [`pockets`](super::pockets) knows what they hide, sheets with one side hide only what lies behind them in texels that have a part before them
 //! ([`behind`](super::behind)). A point of a single-sided surface is hidden too when another surface lies on it face to
 //! face, as the underside of a crate and the floor do.
 //!
@@ -53,7 +53,7 @@ const MOST_LOOKS: usize = 64;
 const MOST_POINTS: u32 = 8;
 
 /// Less than this share of a texel counts as none: a single line would make a spike of it.
-const LEAST_EXPOSED: f32 = 0.04;
+pub(super) const LEAST_EXPOSED: f32 = 0.04;
 
 /// Surface in one cell of the mask.
 #[derive(Clone, Copy, Default)]
@@ -92,9 +92,9 @@ pub(super) fn find(patches: &mut Patches, solids: Solids<'_>, progress: &Progres
     let found = parallel::map_watched(patches.front, progress, |i| texel(patches, solids, i));
     let walled = found.iter().map(|f| f.walled).collect();
     for (i, f) in found.into_iter().enumerate().filter(|(_, f)| f.partly) {
-        patches.mask[i] = f.mask;
         let back = patches.back_of[i];
         for patch in [Some(i), (back != super::NO_PATCH).then_some(back as usize)].into_iter().flatten() {
+            patches.mask[patch] = f.mask;
             patches.exposed[patch] = f.exposed;
             if f.exposed > 0.0 {
                 patches.position[patch] = f.position;

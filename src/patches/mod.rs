@@ -20,6 +20,7 @@ mod fragments;
 mod graph;
 mod laid;
 mod place;
+mod pockets;
 mod readers;
 mod seams;
 mod surface;
@@ -82,6 +83,8 @@ pub struct Patches {
     covered: Vec<f32>,
     fragments: Fragments,
     mask: Vec<u64>,
+    /// A sheet may stand within or beside the front patch.
+    walled: Vec<bool>,
     surface: Laid,
     /// Charts whose front patches lie on the back of their triangles, ascending.
     turned: Vec<u32>,
@@ -103,10 +106,16 @@ impl Patches {
         let mut patches = texel::patches(tracer.scene(), atlas);
         let closed = Closed::new(tracer.scene());
         let solids = exposed::Solids { tracer, closed: &closed };
-        let walled = exposed::find(&mut patches, solids, progress);
-        patches.centroid = parallel::map(patches.front, |i| patches.centroid_of(i));
-        patches.unlit = readers::find(&patches, solids, &walled, progress);
+        patches.walled = exposed::find(&mut patches, solids, progress);
+        pockets::close(&mut patches, tracer, progress);
+        patches.find_readers(tracer, &closed, progress);
         patches
+    }
+
+    /// Sets the centroids of what is exposed, and who reads what is not.
+    fn find_readers(&mut self, tracer: &Tracer<'_>, closed: &Closed, progress: &Progress) {
+        self.centroid = parallel::map(self.front, |i| self.centroid_of(i));
+        self.unlit = readers::find(self, exposed::Solids { tracer, closed }, &self.walled, progress);
     }
 
     /// Number of patches, fronts and backs.
@@ -202,8 +211,8 @@ impl Patches {
     /// Bytes held by these arrays.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        self.len() * (12 + 12 + 4 + 4 + 12)
-            + self.front * (4 + 4 + 4 + 4 + 4 + 8 + 8)
+        self.len() * (12 + 12 + 4 + 4 + 12 + 8)
+            + self.front * (4 + 4 + 4 + 4 + 4 + 8 + 1)
             + self.grid.len() * 4
             + self.fragments.bytes()
             + self.surface.bytes()

@@ -48,14 +48,13 @@ impl Patches {
     /// half of another cannot receive. Flux from farther in would be spread over too small an area.
     #[must_use]
     pub fn receives(&self, patch: usize, hit: &Hit) -> bool {
-        let front = self.front_patch(patch);
-        if self.mask[front] == u64::MAX {
+        if self.mask[patch] == u64::MAX {
             return true;
         }
         let uv = self.surface.of(hit.triangle).at(hit);
-        let (x, y) = self.texel_xy(front);
+        let (x, y) = self.texel_xy(self.front_patch(patch));
         let local = (uv - Vec2::new(x as f32, y as f32)).clamp(Vec2::ZERO, Vec2::ONE);
-        self.is_near_exposed(front, local.as_dvec2())
+        self.is_near_exposed(patch, local.as_dvec2())
     }
 
     /// The front patch of a texel.

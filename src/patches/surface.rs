@@ -126,7 +126,7 @@ impl<'a> PatchSurface<'a> {
         };
         let fragments: Vec<_> = patches.fragments.range(front).map(fragment).collect();
         let covered = fragments.iter().map(|f| f.covered).fold(0.0, |a, b| a + b);
-        let open = if patches.mask[front] == u64::MAX { vec![] } else { open_cells(patches, front) };
+        let open = if patches.mask[patch] == u64::MAX { vec![] } else { open_cells(patches, patch) };
         Self { tracer, back, covered, fragments, open }
     }
 
@@ -249,14 +249,15 @@ impl<'a> PatchSurface<'a> {
     }
 }
 
-/// Exposed cells of a front patch, triangle by triangle.
-fn open_cells(patches: &Patches, front: usize) -> Vec<OpenCell> {
+/// Exposed cells of a patch, triangle by triangle.
+fn open_cells(patches: &Patches, patch: usize) -> Vec<OpenCell> {
     let (mut open, mut running) = (vec![], 0.0);
+    let front = patches.front_patch(patch);
     for (fragment, f) in patches.fragments.range(front).enumerate() {
         patches.cell_centroids(front, f, MASK_GRID, |_, middle, area| {
-            if patches.is_exposed_at(front, middle) {
+            if patches.is_exposed_at(patch, middle) {
                 running += area;
-                let inner = area > 0.999 * CELL_AREA && patches.is_inside_exposed(front, middle);
+                let inner = area > 0.999 * CELL_AREA && patches.is_inside_exposed(patch, middle);
                 let edge = if inner { 1.0 / f64::from(MASK_GRID) } else { 0.0 };
                 open.push(OpenCell { fragment, middle, edge, running });
             }
@@ -266,9 +267,9 @@ fn open_cells(patches: &Patches, front: usize) -> Vec<OpenCell> {
 }
 
 impl Patches {
-    /// The cell of the exposure mask that a point of a front patch lies in is exposed [texels from the texel's corner].
+    /// The cell of the exposure mask that a point of a patch lies in is exposed [texels from the texel's corner].
     #[must_use]
-    pub fn is_exposed_at(&self, front: usize, point: DVec2) -> bool {
-        self.mask[front] >> cell_index(point, MASK_GRID) & 1 == 1
+    pub fn is_exposed_at(&self, patch: usize, point: DVec2) -> bool {
+        self.mask[patch] >> cell_index(point, MASK_GRID) & 1 == 1
     }
 }

@@ -37,7 +37,6 @@ pub(super) fn patches(scene: &Scene, atlas: &Atlas) -> Patches {
         covered: parallel::map(front, covered),
         page_size: atlas.page_size,
         grid: vec![NO_PATCH; atlas.page_size[0] as usize * atlas.page_size[1] as usize * atlas.pages as usize],
-        mask: vec![u64::MAX; front],
         fragments,
         surface,
         ..Patches::default()
@@ -159,6 +158,7 @@ fn fill(patches: &mut Patches, texels: &[Texel]) {
     patches.normal = texels.iter().map(|t| t.normal).chain(backs.iter().map(|t| -t.normal)).collect();
     patches.area = both().map(|t| t.area as f32).collect();
     patches.exposed = vec![1.0; patches.area.len()];
+    patches.mask = vec![u64::MAX; patches.area.len()];
     if texels.iter().any(|t| t.passing > 0.0) {
         patches.stopping = both().map(|t| (1.0 - t.passing).max(0.0)).collect();
     }

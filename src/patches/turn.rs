@@ -11,7 +11,7 @@
 use super::Patches;
 use crate::atlas::Atlas;
 use crate::base::{Frame, Progress, parallel, warp};
-use crate::trace::{Ground, Ray, Tracer};
+use crate::trace::{Closed, Ground, Ray, Tracer};
 use glam::Vec2;
 
 /// Most texels of a chart that are looked from.
@@ -19,9 +19,9 @@ const TEXELS: usize = 64;
 /// Rays from each.
 const RAYS: u32 = 4;
 /// A gap is narrower than this, half way between a wardrobe and a closet [m] …
-const NARROW: f32 = 0.5;
+pub(super) const NARROW: f32 = 0.5;
 /// … and than this in texels, whatever the scene's unit.
-const NARROW_TEXELS: f32 = 16.0;
+pub(super) const NARROW_TEXELS: f32 = 16.0;
 /// Part of the rays that may leave a gap for the open, through cracks.
 const ESCAPE: f64 = 0.02;
 
@@ -44,14 +44,21 @@ impl Patches {
     }
 
     /// Exchanges front and back of charts, ascending, that are double-sided.
-    pub fn turn(&mut self, charts: Vec<u32>) {
+    pub fn turn(&mut self, tracer: &Tracer<'_>, charts: Vec<u32>, progress: &Progress) {
         self.turned = charts;
+        if self.turned.is_empty() {
+            return;
+        }
         for front in 0..self.front {
             let back = self.back_of[front];
             if back != super::NO_PATCH && self.is_turned(front) {
                 self.normal.swap(front, back as usize);
+                self.position.swap(front, back as usize);
+                self.exposed.swap(front, back as usize);
+                self.mask.swap(front, back as usize);
             }
         }
+        self.find_readers(tracer, &Closed::new(tracer.scene()), progress);
     }
 
     /// Double-sided charts whose fronts see nothing but what is near.
