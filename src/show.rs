@@ -7,15 +7,18 @@
 
 use crate::commands::Exit;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use std::collections::BTreeMap;
 use std::io::{IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use texelwalk::bake::{Observer, Outcome};
-use texelwalk::base::Progress;
+use texelwalk::base::{Progress, Warning};
 
 /// Time between two looks at the progress of a stage.
 const REFRESH: Duration = Duration::from_millis(100);
+/// Warnings of one kind that are told one by one.
+const MOST_ALIKE: usize = 5;
 
 /// One clear line.
 pub(crate) fn error(message: &str) {
@@ -50,10 +53,7 @@ pub(crate) fn observer(quiet: bool, verbose: bool) -> Box<dyn Observer> {
 /// Warnings, then files, then one line of figures.
 pub(crate) fn outcome(outcome: &Outcome, verbose: bool) {
     let report = &outcome.report;
-    for w in &report.warnings {
-        let node = w.node.as_ref().map_or(String::new(), |n| format!(" [{n}]"));
-        eprintln!("warning: {}{node}: {}", w.code, w.message);
-    }
+    warnings(&report.warnings, verbose);
     for (path, bytes) in &outcome.files {
         eprintln!("wrote {} ({})", path.display(), size(*bytes));
     }
@@ -77,6 +77,23 @@ pub(crate) fn outcome(outcome: &Outcome, verbose: bool) {
     if verbose {
         let rate = report.rays_per_second / 1e6;
         eprintln!("{} rays at {rate:.2} M/s, peak memory {}", report.rays, size(report.peak_memory_bytes));
+    }
+}
+
+/// Of many of one kind the first ones, and how many there are besides; a model of 50 animated parts gives one for each.
+fn warnings(all: &[Warning], verbose: bool) {
+    let most = if verbose { usize::MAX } else { MOST_ALIKE };
+    let mut seen: BTreeMap<&str, usize> = BTreeMap::new();
+    for w in all {
+        let count = seen.entry(w.code).or_default();
+        *count += 1;
+        if *count <= most {
+            let node = w.node.as_ref().map_or(String::new(), |n| format!(" [{n}]"));
+            eprintln!("warning: {}{node}: {}", w.code, w.message);
+        }
+    }
+    for (code, count) in seen.into_iter().filter(|(_, count)| *count > most) {
+        eprintln!("warning: {code}: {} more of these; -v tells all, and --report", count - most);
     }
 }
 

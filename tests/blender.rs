@@ -11,6 +11,7 @@ use crosscheck_env::{
     Bake, Fixture, bake, brighten_where, environment_python, fixture, fixtures, folder, root, texelwalk, text,
 };
 use glam::Vec2;
+use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -56,7 +57,7 @@ fn small(fixture: &Fixture) -> String {
         return density.to_string();
     }
     let output = texelwalk(&["inspect", text(&fixture.file), "--json"]);
-    let found: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
     let area: f64 = found["parts"].as_array().unwrap().iter().map(|p| p["area"].as_f64().unwrap()).sum();
     format!("{:.3}", (TEXELS / area).sqrt())
 }
@@ -126,6 +127,17 @@ fn verify_names_what_is_wrong() {
     let all = fresh("all", &cornell, &[]);
     brighten_where(&all.pages[0], 1.05, |_, _| true);
     verify(&[text(&all.gltf), "--samples", "1"], 7, &["the lightmap as a whole is", "brighter than Cycles"]);
+
+    let packed = all.gltf.with_file_name("packed.gltf");
+    let mut document: Value = serde_json::from_slice(&fs::read(&all.gltf).unwrap()).unwrap();
+    let fallback = document["buffers"].as_array().unwrap().len();
+    let mut push = |list: &str, entry: Value| document[list].as_array_mut().unwrap().push(entry);
+    push("buffers", json!({"byteLength": 4, "extensions": {"EXT_meshopt_compression": {"fallback": true}}}));
+    let how = json!({"buffer": 0, "byteLength": 4, "byteStride": 4, "count": 1, "mode": "ATTRIBUTES"});
+    let compressed = json!({"EXT_meshopt_compression": how});
+    push("bufferViews", json!({"buffer": fallback, "byteLength": 4, "extensions": compressed}));
+    fs::write(&packed, document.to_string()).unwrap();
+    verify(&[text(&packed)], 3, &["EXT_meshopt_compression is more than Blender can read"]);
 
     let one = fresh("one", &cornell, &[]);
     let (width, height) = (read(&one.pages[0])[0].len(), read(&one.pages[0]).len());

@@ -222,6 +222,35 @@ fn a_black_bake_says_why() {
 }
 
 #[test]
+fn of_many_warnings_alike_the_first_are_told() {
+    let home = folder();
+    let name = "cornell/cornell.gltf";
+    let mut document: serde_json::Value = serde_json::from_slice(&fs::read(fixture(name)).unwrap()).unwrap();
+    let parts = document["nodes"].as_array().unwrap().iter().filter(|n| n.get("mesh").is_some()).count();
+    assert!(parts > 6);
+    let channel = |node| serde_json::json!({"sampler": 0, "target": {"node": node, "path": "translation"}});
+    let nodes = document["nodes"].as_array().unwrap().len();
+    let channels: Vec<_> = (0..nodes).map(channel).collect();
+    document["animations"] = serde_json::json!([{"samplers": [{"input": 0, "output": 0}], "channels": channels}]);
+    let input = home.path().join("moving.gltf");
+    fs::write(&input, document.to_string()).unwrap();
+    for buffer in document["buffers"].as_array().unwrap() {
+        let file = buffer["uri"].as_str().unwrap();
+        fs::copy(fixture(name).with_file_name(file), home.path().join(file)).unwrap();
+    }
+    let out = home.path().join("out/moving.gltf");
+    let bake = |more: &[&str]| {
+        let all = [&["bake", path(&input), "-o", path(&out), "--texels-per-meter", "2"], more, &QUICK].concat();
+        text(&expect(&all, 0).stderr).to_owned()
+    };
+    let (few, all) = (bake(&[]), bake(&["-v"]));
+    let count = |said: &str| said.matches("warning: animated-node [").count();
+    assert_eq!((count(&few), count(&all)), (5, parts), "{few}");
+    assert!(few.contains(&format!("animated-node: {} more of these", parts - 5)), "{few}");
+    assert!(!all.contains("more of these"), "{all}");
+}
+
+#[test]
 fn compare_tells_equal_from_different() {
     let home = folder();
     let cornell = fixture("cornell/cornell.gltf");

@@ -210,7 +210,7 @@ def main():
         sys.stderr.write(f"error: {error}\n")
         return FILES
     except (GltfError, ValueError, KeyError, RuntimeError) as error:
-        sys.stderr.write(f"error: {arguments.baked}: {error}\n")
+        sys.stderr.write(f"error: {arguments.baked}: {str(error).removeprefix(f'{arguments.baked}: ')}\n")
         return INVALID
     for fault in found:
         sys.stderr.write(f"error: {arguments.baked}: {fault}\n")

@@ -205,6 +205,7 @@ def import_baked(path, exact=False):
     gltf = GltfFile(path)
     manifest = manifest_of(gltf)
     added = New()
+    gltf.plain()
     pages = load_pages(manifest, gltf.path.parent)
     per_radiosity = 1.0 / math.pi if manifest.get("quantity") == "irradiance" else 1.0
     attribute = (manifest["attribute"], per_radiosity) if "attribute" in manifest else None

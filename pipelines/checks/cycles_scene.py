@@ -299,6 +299,7 @@ def build(gltf_path, light, grid=1):
     `light` is a `cycles_light.Light`: what the command line of the bake gave.
     """
     gltf = GltfFile(gltf_path)
+    gltf.plain()
     pages = gltf.lightmap_pages()
     bpy.ops.wm.read_factory_settings(use_empty=True)
     with tempfile.TemporaryDirectory() as folder:

@@ -117,6 +117,14 @@ class GltfFile:
         extensions = self.json["bufferViews"][i].get("extensions", {})
         return next(((name, extensions[name]) for name in MESHOPT if name in extensions), (None, None))
 
+    def plain(self):
+        """Refuses what only decoders of meshopt can read: Blender's importer has none."""
+        for i, view in enumerate(self.json.get("bufferViews", [])):
+            name, _ = self._compression(i)
+            if name and "uri" not in self.json["buffers"][index(view["buffer"])] and not self._bytes(view):
+                raise Compressed(f"{self.path}: {name} is more than Blender can read; take it off, for example with "
+                                 "gltf-transform or gltfpack, before the bake")
+
     def _bytes(self, view):
         start = index(view.get("byteOffset", 0))
         return self.buffers[index(view["buffer"])][start : start + index(view["byteLength"])]

@@ -6,10 +6,10 @@
 //! of 8 × 8 cells. Where we differ: cells are tested only where something stands near or over the texel's centre.
 //!
 //! A point is hidden when at least [`HIDDEN_HITS`] of [`PROBES`] rays over its hemisphere meet the back of single-sided
-//! surfaces, or more backs than fronts on their way out of the scene: it then lies in a solid. Of double-sided
-//! surfaces [`pockets`](super::pockets) knows what they hide, sheets with one side hide only what lies behind them in texels that have a part before them
-//! ([`behind`](super::behind)). A point of a single-sided surface is hidden too when another surface lies on it face to
-//! face, as the underside of a crate and the floor do.
+//! surfaces, or more backs than fronts on their way out of the scene: it then lies in a solid. Sheets with one side hide
+//! only what lies behind them in texels that have a part before them ([`behind`](super::behind)); what double-sided ones
+//! hide is found later ([`pockets`](super::pockets)). A point of a single-sided surface is hidden too when another surface
+//! lies on it face to face, as the underside of a crate and the floor do.
 //!
 //! Limits: a floor that is closed in by single-sided surfaces which all face away from it counts as hidden. In a texel
 //! with many triangles, what lies on one that is not looked at may be missed.
