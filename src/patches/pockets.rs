@@ -8,7 +8,8 @@
 //!
 //! In: patches, their links, and tracer. Out: exposed shares and cells without pockets.
 //!
-//! Invariants: what sees surface of its own chart in the open is in no pocket; a room that one can stand in is none.
+//! Invariants: what sees surface of its own chart in the open is in no pocket; a room that one can stand in is none. A
+//! chart that lies in pockets as a whole stays: nothing could fill it, and no look-up mixes it with what is lit.
 //!
 //! Limits: of walls thinner than two texels, and of shells that are half a metre wide or more and open to the floor, the
 //! inside stays.
@@ -24,8 +25,8 @@ use glam::{Vec2, Vec3};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Paths that start in a pocket: so many per texel, at least and at most; and their segments.
-const PATHS_PER_TEXEL: usize = 8;
-const LEAST_PATHS: usize = 16;
+const PATHS_PER_TEXEL: usize = 4;
+const LEAST_PATHS: usize = 8;
 const MOST_PATHS: usize = 64;
 const SEGMENTS: usize = 12;
 /// One of so many may find a way out, through cracks. Of 700 such places in two flats, one in nine had fewer ways out than
@@ -56,10 +57,15 @@ pub(super) fn close(patches: &mut Patches, tracer: &Tracer<'_>, progress: &Progr
     cut.sort_unstable();
     cut.dedup();
     let left = parallel::map_watched(cut.len(), progress, |k| patches.open_cells(tracer, cut[k] as usize, &closed));
-    for i in closed {
-        patches.keep(i as usize, Left::default());
-    }
-    for (i, left) in cut.into_iter().zip(left) {
+    let left: BTreeMap<u32, Left> = cut.into_iter().zip(left).collect();
+    let stays = |i: &u32| left.get(i).map_or(!closed.contains(i), |left| left.exposed > 0.0);
+    let side = |i: u32| (patches.chart[patches.front_patch(i as usize)], patches.is_back(i as usize));
+    let exposed = (0..patches.len() as u32).filter(|&i| patches.exposed[i as usize] > 0.0);
+    let open: BTreeSet<(u32, bool)> = exposed.filter(stays).map(side).collect();
+    let shut: Vec<u32> =
+        closed.iter().copied().filter(|&i| open.contains(&side(i)) && !left.contains_key(&i)).collect();
+    let left: Vec<(u32, Left)> = left.into_iter().filter(|(i, _)| open.contains(&side(*i))).collect();
+    for (i, left) in left.into_iter().chain(shut.into_iter().map(|i| (i, Left::default()))) {
         patches.keep(i as usize, left);
     }
 }
@@ -132,7 +138,8 @@ impl Patches {
             return false;
         }
         let limit = NARROW.min(NARROW_TEXELS * self.texel_edge(patch));
-        let (mut triangle, mut b, mut front, mut wide) = (point.triangle, point.b, !self.is_behind(patch), false);
+        let (mut triangle, mut b, mut front) = (point.triangle, point.b, !self.is_behind(patch));
+        let (mut wide, mut way) = (false, 0);
         for _ in 0..SEGMENTS {
             let ground = Ground::new(scene.corners(triangle));
             let normal = if front { ground.normal() } else { -ground.normal() };
@@ -141,7 +148,8 @@ impl Patches {
             let origin = tracer.leave(&ground, b, direction);
             let Some(hit) = tracer.closest_hit(&Ray { origin, direction, t_max: f32::INFINITY }) else { return true };
             // Where walls meet at a corner, it is a little wider than in them.
-            let was_wide = core::mem::replace(&mut wide, !is_narrow(tracer, origin + direction * (0.5 * hit.t), limit));
+            let middle = origin + direction * (0.5 * hit.t);
+            let was_wide = core::mem::replace(&mut wide, !is_narrow(tracer, middle, limit, &mut way));
             if was_wide && wide {
                 return true;
             }
@@ -223,15 +231,34 @@ impl Left {
     }
 }
 
-/// Through a point in the open, in some direction there is less room than this [m].
-fn is_narrow(tracer: &Tracer<'_>, origin: Vec3, limit: f32) -> bool {
+/// Half of the directions from a cube's middle to its faces, edges and corners.
+const WAYS: [[i8; 3]; 13] = [
+    [0, 0, 1],
+    [0, 1, 0],
+    [1, 0, 0],
+    [0, 1, 1],
+    [1, 0, 1],
+    [1, 1, 0],
+    [0, 1, -1],
+    [1, 0, -1],
+    [1, -1, 0],
+    [1, 1, 1],
+    [1, 1, -1],
+    [1, -1, 1],
+    [-1, 1, 1],
+];
+
+/// Through a point in the open, in some direction there is less room than this [m]. It is tried first in the direction
+/// in which it was narrow before: all along a wall that is the same.
+fn is_narrow(tracer: &Tracer<'_>, origin: Vec3, limit: f32, before: &mut usize) -> bool {
     let reach =
         |direction: Vec3| tracer.closest_hit(&Ray { origin, direction, t_max: limit }).map_or(limit, |hit| hit.t);
-    // Half of the directions from a cube's middle to its corners, edges and faces, the latter first.
-    let ways = [[0, 0, 1], [0, 1, 0], [1, 0, 0], [0, 1, 1], [1, 0, 1], [1, 1, 0], [0, 1, -1], [1, 0, -1], [1, -1, 0]];
-    let corners = [[1, 1, 1], [1, 1, -1], [1, -1, 1], [-1, 1, 1]];
-    ways.into_iter().chain(corners).any(|way| {
-        let way = Vec3::from_array(way.map(|x| x as f32)).normalize();
-        reach(way) + reach(-way) < limit
-    })
+    let narrow = |k: &usize| {
+        let way = Vec3::from_array(WAYS[*k].map(f32::from)).normalize();
+        let first = reach(way);
+        first < limit && first + reach(-way) < limit
+    };
+    let found = core::iter::once(*before).chain((0..WAYS.len()).filter(|k| k != before)).find(narrow);
+    *before = found.unwrap_or(*before);
+    found.is_some()
 }

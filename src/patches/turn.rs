@@ -65,7 +65,9 @@ impl Patches {
     #[must_use]
     pub fn narrow_charts(&self, tracer: &Tracer<'_>, atlas: &Atlas, progress: &Progress) -> Vec<u32> {
         let mut texels: Vec<(u32, u32)> = self.front_of.iter().map(|&i| (self.chart[i as usize], i)).collect();
-        texels.retain(|&(chart, i)| (chart as usize) < atlas.charts.len() && self.exposed[i as usize] > 0.0);
+        let takes_part =
+            |i: usize| self.exposed[i] > 0.0 || self.opposite(i).is_some_and(|back| self.exposed[back] > 0.0);
+        texels.retain(|&(chart, i)| (chart as usize) < atlas.charts.len() && takes_part(i as usize));
         texels.sort_unstable();
         let charts: Vec<&[(u32, u32)]> = texels.chunk_by(|a, b| a.0 == b.0).collect();
         let narrow = parallel::map_watched(charts.len(), progress, |c| self.is_narrow(tracer, charts[c]));
@@ -77,6 +79,11 @@ impl Patches {
         let (mut rays, mut escaped, mut near) = (0u32, 0u32, 0u32);
         for k in 0..count {
             let patch = texels[k * texels.len() / count].1 as usize;
+            // It lies in a pocket.
+            if self.exposed[patch] <= 0.0 {
+                (rays, near) = (rays + RAYS, near + RAYS);
+                continue;
+            }
             let Some(point) = self.middle(tracer, patch) else { continue };
             let ground = Ground::new(tracer.scene().corners(point.triangle));
             let frame = Frame::from_normal(ground.normal());
