@@ -87,6 +87,8 @@ export class Viewer {
 
   takeMesh(mesh) {
     const { material } = mesh;
+    // three.js draws by numbers that materials get as their files arrive: where depths are equal, pixels would change.
+    if (!material.transparent) mesh.renderOrder = this.meshes.length;
     this.meshes.push({ mesh, material });
     if (material.isMeshBasicMaterial) material.toneMapped = false; // unlit: meant for the display as it is
     if (material.map) material.map.anisotropy = this.renderer.capabilities.getMaxAnisotropy();
