@@ -431,6 +431,24 @@ fn kept_coordinates_are_shared_where_they_lie_right_and_moved_where_not() {
 }
 
 #[test]
+fn a_document_without_scenes_gets_one_of_what_was_baked() {
+    let mut input = with_uv1(false, true);
+    let mut document: Value = serde_json::from_str(&input.scene.document.json).unwrap();
+    let count = document["nodes"].as_array().unwrap().len();
+    document["nodes"][count - 1]["children"] = json!([count]);
+    document["nodes"].as_array_mut().unwrap().push(json!({"name": "child"}));
+    document.as_object_mut().unwrap().remove("scenes");
+    document.as_object_mut().unwrap().remove("scene");
+    input.scene.document.json = document.to_string();
+    let (output, warnings) = bake(&input, &kept_atlas(&input, 1.0), "unseen.gltf");
+    assert_eq!(warnings, [""; 0]);
+    assert_eq!(output.json["scene"], 0);
+    assert_eq!(output.json["scenes"].as_array().unwrap().len(), 1);
+    assert_eq!(output.json["scenes"][0]["nodes"], json!((0..count).collect::<Vec<_>>()));
+    assert_eq!(output.json["scenes"][0]["extras"]["lightmap"]["pages"][0]["uri"], "unseen.lightmap0.exr");
+}
+
+#[test]
 fn textures_on_texcoord_1_keep_it() {
     let input = with_uv1(true, true);
     let (output, warnings) = bake(&input, &kept_atlas(&input, 0.5), "ao.gltf");

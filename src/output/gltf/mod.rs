@@ -6,7 +6,8 @@
 //! * a texture per page, whose core image is the PNG preview and whose `extras.lightmap.uri` is the EXR, because a
 //!   texture without a core image, or an EXR among the images, makes loaders refuse the file;
 //! * `extras.lightmap` on the scenes that show baked nodes: a manifest of the pages, with the number of mip levels that
-//!   loaders can make from them without mixing charts, and with what rules did to primitives (`treated`);
+//!   loaders can make from them without mixing charts, and with what rules did to primitives (`treated`); a document
+//!   without scenes gets one of all its nodes, which is what was baked;
 //! * with light by normal, `directional` beside each of these URIs (see `output::directional`);
 //! * with formats other than the plain EXR, `files` beside each of these URIs (see `formats`); with `--exr-image` the EXR
 //!   among the images, too, behind `EXT_texture_exr` of the texture;
@@ -275,6 +276,9 @@ fn manifests<B>(
     manifest: &str,
     warnings: &mut Vec<Warning>,
 ) -> Result<(), Fault> {
+    if root.array("scenes").is_empty() {
+        return lone_scene(splice, root, elements, manifest);
+    }
     let baked: BTreeSet<usize> = instances.iter().map(|i| i.node).collect();
     for (i, scene) in root.array("scenes").iter().enumerate() {
         let mut seen = BTreeSet::new();
@@ -297,6 +301,22 @@ fn manifests<B>(
         splice.set_path(scene, &["extras", "lightmap"], manifest)?;
     }
     Ok(())
+}
+
+/// A scene of all nodes that are nobody's children, with the manifest.
+fn lone_scene(
+    splice: &mut Splice<'_>,
+    root: &Element<'_>,
+    elements: &Elements<'_>,
+    manifest: &str,
+) -> Result<(), Fault> {
+    let children: BTreeSet<usize> =
+        elements.nodes.iter().flat_map(|n| n.array("children")).filter_map(|c| c.index()).collect();
+    let roots: Vec<String> =
+        (0..elements.nodes.len()).filter(|n| !children.contains(n)).map(|n| n.to_string()).collect();
+    let scene = format!("{{\"nodes\": [{}], \"extras\": {{\"lightmap\": {manifest}}}}}", roots.join(", "));
+    splice.append_at(root, "scenes", vec![scene])?;
+    splice.set_path(root, &["scene"], "0")
 }
 
 fn generator(splice: &mut Splice<'_>, root: &Element<'_>, ours: &str) -> Result<(), Fault> {
