@@ -393,3 +393,41 @@ fn rays_into_out_of_and_along_edges_of_solids() {
     ask([0.4, 1.02, 0.7], [1.0, 0.0, 0.0], 0.5, 0.0);
     ask([0.4, 0.2, 0.7], [0.0, 1.0, 0.0], 0.5, 0.0);
 }
+
+/// The shadow of half a plane of tinted glass: its edge divides a column of texels, wherever in it it lies.
+#[test]
+fn edges_of_tinted_shadows_divide_texels() {
+    for cut in [0.05f32, 0.2, 0.4, 0.6, 0.8, 0.95] {
+        let mut b = Builder::new();
+        b.push("materials", json!({"pbrMetallicRoughness": {"metallicFactor": 0}}));
+        b.push("materials", glass([0.8, 0.8, 0.8], 0.5, &json!({})));
+        rectangle(&mut b, level(1.0, 0.0), 0);
+        let edge = cut / 16.0;
+        rectangle(&mut b, [[-4.0, 1.0, 4.0], [edge, 1.0, 4.0], [edge, 1.0, -4.0], [-4.0, 1.0, -4.0]], 1);
+        shine(&mut b);
+        let scene = scene(&b, &Settings::default());
+        let stage = Stage::new(&scene, 16.0);
+        let light = stage.direct(64);
+        let mut found = vec![];
+        for (at, light) in stage.patches.position.iter().zip(&light).take(stage.patches.front) {
+            let (x, inside) = (at.x * 16.0, at.y < 0.1 && at.x.abs() < 0.9 && at.z.abs() < 0.9);
+            let expected = if inside && (0.0..1.0).contains(&x) {
+                1.0 - 0.6 * cut
+            } else if x < 0.0 {
+                0.4
+            } else {
+                1.0
+            };
+            if inside {
+                assert!((light.x - expected).abs() < 0.05, "{} at x = {x} texels instead of {expected}", light.x);
+                found.extend((0.0..1.0).contains(&x).then_some(light.x));
+            }
+        }
+        let mean = found.iter().sum::<f32>() / found.len() as f32;
+        assert!(
+            found.len() > 20 && (mean - (1.0 - 0.6 * cut)).abs() < 0.01,
+            "{} texels, {mean} for {cut}",
+            found.len()
+        );
+    }
+}

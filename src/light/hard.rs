@@ -2,8 +2,10 @@
 //!
 //! Each light is evaluated at the centroids of 2 × 2 cells of the texel, which is exact for linear functions. A light
 //! is cut by an edge where the cells do not agree on it, and where a neighbouring texel's cells all say the opposite:
-//! then the edge runs between the centroids of the two, and takes up to a quarter of either. Edges are left to the
-//! samples, and so is all light on normal maps, which change faster than cells.
+//! then the edge runs between the centroids of the two, and takes up to a quarter of either. Glass has edges, too: they are
+//! where the share of light that passes differs by more than `LEAST_EDGE` (without this, texels cut by the shadow of a
+//! tinted pane were up to a quarter of the light off). Edges are left to the samples, and so is all light on normal maps,
+//! which change faster than cells.
 
 use super::lit::Lit;
 use super::look::Look;
@@ -16,6 +18,8 @@ use glam::Vec2;
 const CELLS: u32 = 2;
 /// Least share of a texel that is cut into cells [texel²].
 const LEAST_CELLS: f32 = 1e-9;
+/// Share of a light that makes an edge.
+const LEAST_EDGE: f32 = 0.02;
 
 /// What the cells of one texel say.
 #[derive(Debug, Clone, Copy, Default)]
@@ -27,7 +31,22 @@ struct Cells {
     any: u64,
     /// Lights that all cells see.
     all: u64,
+    /// Lights that something between clear and opaque dims in some cell.
+    dimmed: u64,
+    /// Lights of which more passes to one cell than to another.
+    uneven: u64,
+    /// Share of the lights that passes, summed over them.
+    passing: f32,
     rays: u64,
+}
+
+impl Cells {
+    /// Lights that an edge divides between two texels.
+    fn edges_between(&self, other: &Self) -> u64 {
+        let dark = (self.all & !other.any) | (other.all & !self.any);
+        let dimmed = self.dimmed | other.dimmed;
+        if (self.passing - other.passing).abs() > LEAST_EDGE { dark | dimmed } else { dark }
+    }
 }
 
 /// Light without edges of shadows, per patch.
@@ -57,8 +76,8 @@ pub(super) fn hard<'a>(look: &(impl Fn() -> Look<'a> + Sync), neighbors: &Neighb
     let first = parallel::map_watched(n, progress, |i| cells(&mut look(), i, u64::MAX));
     let edges = parallel::map(n, |i| {
         let own = &first[i];
-        let mut edges = own.any ^ own.all;
-        neighbors.of(i, |j| edges |= (own.all & !first[j].any) | (first[j].all & !own.any));
+        let mut edges = (own.any ^ own.all) | own.uneven;
+        neighbors.of(i, |j| edges |= own.edges_between(&first[j]));
         if look().has_relief(i) { all } else { edges }
     });
     let again = parallel::map(n, |i| if edges[i] == 0 { first[i] } else { cells(&mut look(), i, !edges[i]) });
@@ -72,19 +91,26 @@ fn cells(look: &mut Look<'_>, patch: usize, mask: u64) -> Cells {
     if look.patches.exposed[patch] <= 0.0 {
         return Cells::default();
     }
-    let (mut sum, mut vector, mut weight) = (Rgb::ZERO, LightVector::default(), 0.0f32);
-    let (mut any, mut all) = (0, u64::MAX);
+    let (mut sum, mut vector, mut weight, mut passing) = (Rgb::ZERO, LightVector::default(), 0.0f32, 0.0f32);
+    let (mut any, mut all, mut dimmed, mut uneven) = (0, u64::MAX, 0, 0);
+    let mut first = [f32::NAN; u64::BITS as usize];
     let (patches, emitters) = (look.patches, look.emitters);
     let mut moments = Moments::default();
     patches.cells(patch, CELLS, |point, within, area| {
         let place = look.place(patch, point);
         let (mut seen, mut here) = (0u64, Lit::default());
         for (k, light) in emitters.hard.iter().enumerate().filter(|(k, _)| mask >> k & 1 == 1) {
-            let light = look.light(&place, light, Vec2::ZERO);
+            let (light, share) = look.light_and_passing(&place, light, Vec2::ZERO);
             if light.all.max_element() > 0.0 {
                 here = here + light;
                 seen |= 1 << k;
+                passing += share * area;
+                dimmed |= u64::from(share < 1.0 - LEAST_EDGE) << k;
             }
+            if first[k].is_nan() {
+                first[k] = share;
+            }
+            uneven |= u64::from((share - first[k]).abs() > LEAST_EDGE) << k;
         }
         sum += here.all * area;
         vector += here.vector * area;
@@ -95,5 +121,6 @@ fn cells(look: &mut Look<'_>, patch: usize, mask: u64) -> Cells {
     });
     let all = if weight > 0.0 { all } else { 0 };
     let weight = weight.max(LEAST_CELLS);
-    Cells { mean: sum / weight, vector: vector * weight.recip(), slope: moments.slope(), any, all, rays: look.rays }
+    let (mean, vector, passing) = (sum / weight, vector * weight.recip(), passing / weight);
+    Cells { mean, vector, slope: moments.slope(), any, all, dimmed, uneven, passing, rays: look.rays }
 }

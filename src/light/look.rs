@@ -136,9 +136,15 @@ impl<'a> Look<'a> {
 
     /// What a light brings.
     pub(super) fn light(&mut self, place: &Place, light: &Light, u: Vec2) -> Lit {
-        let Some(seen) = punctual::seen_from(light, place.position, u) else { return Lit::default() };
+        self.light_and_passing(place, light, u).0
+    }
+
+    /// What a light brings, and the share of it that nothing stopped on the way.
+    pub(super) fn light_and_passing(&mut self, place: &Place, light: &Light, u: Vec2) -> (Lit, f32) {
+        let none = (Lit::default(), 0.0);
+        let Some(seen) = punctual::seen_from(light, place.position, u) else { return none };
         let toward = seen.toward.normalize_or_zero();
-        let Some((cosine, origin)) = self.leave(place, toward) else { return Lit::default() };
+        let Some((cosine, origin)) = self.leave(place, toward) else { return none };
         let ray = if seen.far {
             Ray { origin, direction: seen.toward, t_max: f32::INFINITY }
         } else {
@@ -147,9 +153,10 @@ impl<'a> Look<'a> {
         self.rays += 1;
         let unblocked = self.tracer.unblocked(&ray);
         if unblocked == Rgb::ZERO {
-            return Lit::default();
+            return none;
         }
-        self.lit(place, toward, seen.illuminance * unblocked * cosine, Rgb::ZERO)
+        let passing = unblocked.element_sum() / 3.0;
+        (self.lit(place, toward, seen.illuminance * unblocked * cosine, Rgb::ZERO), passing)
     }
 
     /// What everything in the tree brings, from one choice.
