@@ -6,11 +6,14 @@
 
 #[path = "support/crosscheck_env.rs"]
 mod crosscheck_env;
+#[path = "support/gltf_builder.rs"]
+mod gltf_builder;
 
 use crosscheck_env::{
     Bake, Fixture, bake, brighten_where, environment_python, fixture, fixtures, folder, root, texelwalk, text,
 };
 use glam::Vec2;
+use gltf_builder::{Builder, words};
 use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -175,6 +178,82 @@ fn verify_knows_lights_and_quantity_of_the_bake() {
     let arguments = [&[text(&baked.gltf), "--samples", "2"][..], &COARSE].concat();
     verify(&arguments, 0, &["environment", "they agree"]);
     verify(&[&arguments[..], &["--environment-rotation", "130"]].concat(), 7, &["they differ"]);
+}
+
+/// A floor and a wall of specular-glossiness, below and before sheets of tinted and of frosted glass, under a sun and a sky,
+/// and a camera.
+fn glasshouse() -> Builder {
+    let mut b = Builder::new();
+    let pbr = |color: [f32; 4]| json!({"metallicFactor": 0.2, "baseColorFactor": color});
+    let gloss = |e: Value| json!({"extensions": {"KHR_materials_pbrSpecularGlossiness": e}});
+    b.push(
+        "materials",
+        gloss(json!({"diffuseFactor": [0.8, 0.7, 0.6, 1.0], "diffuseTexture": {"index": 0},
+        "specularFactor": [0.9, 0.4, 0.2], "specularGlossinessTexture": {"index": 1}})),
+    );
+    b.push("materials", gloss(json!({"diffuseFactor": [0.6, 0.9, 0.6, 1.0], "specularFactor": [0.1, 0.4, 0.1]})));
+    b.push("materials", json!({"pbrMetallicRoughness": pbr([0.3, 0.6, 0.9, 1.0]), "doubleSided": true, "name": "pane",
+        "extensions": {"KHR_materials_transmission": {"transmissionFactor": 0.75, "transmissionTexture": {"index": 1}}}}));
+    b.push("materials", json!({"pbrMetallicRoughness": pbr([0.5, 0.8, 0.5, 1.0]), "extensions": {
+        "KHR_materials_transmission": {"transmissionFactor": 0.2},
+        "KHR_materials_diffuse_transmission": {"diffuseTransmissionFactor": 0.6, "diffuseTransmissionColorFactor": [0.9, 0.5, 0.2]}}}));
+    b.texture(2, &[[255, 255, 255, 255], [200, 255, 255, 255], [255, 200, 255, 255], [255, 255, 200, 255]]);
+    b.texture(2, &[[255, 0, 0, 255], [128, 255, 0, 255], [255, 0, 128, 255], [255, 255, 255, 255]]);
+    let rectangles: [[[f32; 3]; 4]; 4] = [
+        [[-1.5, 0.0, 1.5], [1.5, 0.0, 1.5], [1.5, 0.0, -1.5], [-1.5, 0.0, -1.5]],
+        [[-1.5, 0.0, -1.5], [1.5, 0.0, -1.5], [1.5, 1.5, -1.5], [-1.5, 1.5, -1.5]],
+        [[-1.4, 0.6, 1.0], [0.2, 0.6, 1.0], [0.2, 0.6, -1.0], [-1.4, 0.6, -1.0]],
+        [[0.6, 0.05, 1.0], [0.6, 0.05, -1.0], [0.6, 1.0, -1.0], [0.6, 1.0, 1.0]],
+    ];
+    for (material, corners) in rectangles.iter().enumerate() {
+        let position = b.floats("VEC3", corners.as_flattened());
+        let uv = b.floats("VEC2", &[0., 0., 1., 0., 1., 1., 0., 1.]);
+        let indices = b.accessor(5123, "SCALAR", 6, &words(&[0, 1, 2, 0, 2, 3]), json!({}));
+        let attributes = json!({"POSITION": position, "TEXCOORD_0": uv});
+        let mesh = b.push(
+            "meshes",
+            json!({"primitives": [{"attributes": attributes, "indices": indices, "material": material}]}),
+        );
+        b.push("nodes", json!({"mesh": mesh}));
+    }
+    b.json["extensionsUsed"] = json!(["KHR_lights_punctual"]);
+    let sun = json!({"type": "directional", "intensity": 2.0, "color": [1.0, 0.9, 0.8]});
+    b.json["extensions"] = json!({"KHR_lights_punctual": {"lights": [sun]}});
+    let turned = [-0.560, -0.292, -0.217, 0.744];
+    b.push("nodes", json!({"rotation": turned, "extensions": {"KHR_lights_punctual": {"light": 0}}}));
+    b.push("cameras", json!({"type": "perspective", "perspective": {"yfov": 0.8, "znear": 0.1}}));
+    b.push("nodes", json!({"camera": 0, "translation": [0.0, 1.9, 3.4], "rotation": [-0.2164, 0, 0, 0.9763]}));
+    b
+}
+
+/// What is reflected, tinted, and scattered on: `verify.py` and `view.py` mean the same by it as `bake` and `render`.
+#[test]
+#[ignore = "slow: Cycles on the CPU, half a minute"]
+fn glass_and_specular_glossiness_are_known() {
+    let out = folder("blender_glass");
+    let (input, gltf) = (out.join("in.gltf"), out.join("glass.gltf"));
+    fs::write(&input, glasshouse().gltf()).unwrap();
+    let options = ["--texels-per-meter", "16", "--sky", "0.3,0.4,0.5", "--preset", "production", "-q"];
+    let output = texelwalk(&[&["bake", text(&input), "-o", text(&gltf)][..], &options].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let strict = ["--mean", "0.004", "--fail", "0.015", "--object", "0.01"];
+    verify(&[&[text(&gltf)][..], &strict].concat(), 0, &["they agree"]);
+    // Both throw dice at glass: with 144 rays a pixel an eighth of the pixels are 3 % apart.
+    let (ours, theirs) = views(&gltf, "1024");
+    assert_eq!(unlike(&ours, &theirs), [""; 0]);
+
+    let good = fs::read_to_string(&gltf).unwrap();
+    for (from, to) in [
+        (r#""transmissionFactor":0.75"#, r#""transmissionFactor":0.6"#),
+        (r#""diffuseTransmissionColorFactor":[0.9,0.5,0.2]"#, r#""diffuseTransmissionColorFactor":[0.1,0.1,0.1]"#),
+        (r#""specularFactor":[0.1,0.4,0.1]"#, r#""specularFactor":[0.1,0.1,0.1]"#),
+        (r#""specularFactor":[0.9,0.4,0.2]"#, r#""specularFactor":[0.5,0.4,0.2]"#),
+    ] {
+        let wrong = out.join("wrong.gltf");
+        assert!(good.contains(from), "{from} in {good}");
+        fs::write(&wrong, good.replace(from, to)).unwrap();
+        verify(&[&[text(&wrong)][..], &strict].concat(), 7, &["they differ"]);
+    }
 }
 
 /// What differs between two pictures of one camera: means by more than 2 %, or a pixel in 20 by more than 3 %.

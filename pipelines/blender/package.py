@@ -12,8 +12,8 @@ HERE = Path(__file__).resolve().parent
 CHECKS = HERE.parent / "checks"
 NAME = "texelwalk_blender"
 SCRIPTS = ("view.py", "verify.py", "verdict.py", "panels.py")
-MODULES = ("buried.py", "cycles_bake.py", "cycles_light.py", "cycles_scene.py", "gltf_file.py", "gltf_nodes.py", "light_options.py",
-           "pictures.py", "texel_raster.py")
+MODULES = ("buried.py", "cycles_bake.py", "cycles_light.py", "cycles_scene.py", "gltf_file.py", "gltf_nodes.py", "gltf_optics.py",
+           "light_options.py", "pictures.py", "texel_raster.py")
 
 
 def members():

@@ -17,7 +17,7 @@ different things, none of them a skip:
 * What gets no lightmap (unlit, skinned, morphed) blocks light and is not compared.
 * Slivers without the middle of a fine texel are unknown to Cycles; how many is stated, and more than half is a fault.
 
-Limits: one glTF per run; a page of `--grid` times its size in memory, 20 bytes per fine texel; vertex colours in 8 bits.
+Limits: `KHR_materials_volume` is left out, and said; one glTF per run; a page of `--grid` times its size in memory, 20 bytes per fine texel; vertex colours in 8 bits.
 """
 
 import argparse
@@ -73,7 +73,7 @@ class Comparison:
             bakes = [bake(built.object, built.pages, arguments.samples, seed, arguments.threads) for seed in (1, 2)]
         self.ours = [page[..., :3].astype(numpy.float64) * scale for page in stored]
         self.charted = [page[..., 3] > 0.5 for page in stored]
-        self.names = built.names
+        self.names, self.swallowing = built.names, built.swallowing
         sizes = [tuple(image.size) for _, image in built.pages]
         for page, size, charted in zip(self.pages, sizes, self.charted):
             if tuple(self.grid * n for n in charted.shape[::-1]) != size:
@@ -133,6 +133,8 @@ def report(comparison, whole, arguments, seconds):
     charted = sum(int(c.sum()) for c in comparison.charted)
     print(f"{comparison.path}: {charted} texels; Cycles: 2 x {arguments.samples} samples on {arguments.grid} x {arguments.grid} points per texel, {seconds:.1f} s")
     print("light besides the file's: " + described(comparison.light))
+    if comparison.swallowing:
+        print("not known to this check: what KHR_materials_volume takes from light in " + ", ".join(comparison.swallowing))
     print(f"  {'':<8} {'compared':>9} {'mean ratio':>18} {'NRMSE (2 sigma)':>25} {'noise of Cycles':>16}")
     several = [(f"page {k}", verdict.figures(comparison.texels.only(comparison.texels.page == k))) for k in range(len(comparison.pages))]
     for name, f in [*(several if len(several) > 1 else []), ("all", whole)]:

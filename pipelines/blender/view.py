@@ -44,7 +44,8 @@ except ImportError:
     environment.enter()
 
 from gltf_file import GltfError, GltfFile, index, rewritten  # noqa: E402 (Blender comes first)
-from gltf_nodes import UNLIT, Nodes  # noqa: E402
+from gltf_nodes import UNLIT  # noqa: E402
+from gltf_optics import OpticNodes, Optics  # noqa: E402
 
 NUMBER = "texelwalk_material"
 LABEL = "texelwalk"
@@ -94,7 +95,7 @@ def load_pages(manifest, folder):
     return pages
 
 
-class ViewNodes(Nodes):
+class ViewNodes(OpticNodes):
     """Nodes that show what was baked; `imported_images` of the importer are used again, None = exact copies instead."""
 
     def __init__(self, gltf, folder, pages, attribute, imported_images):
@@ -133,7 +134,8 @@ class ViewNodes(Nodes):
         # The importer makes another material of the same number for meshes with vertex colours.
         has_color = any(n.type == "VERTEX_COLOR" for n in before)
         unlit = UNLIT in source.get("extensions", {})
-        color, alpha = (self.base_color if unlit else self.reflectance)(tree, source, has_color)
+        optics = Optics(*self.base_color(tree, source, has_color)) if unlit else self.optics(tree, source, has_color)
+        color = optics.reflected
         if not unlit:
             light = self.light(tree, source)
             radiance = [self.scaled(tree, color, light)] if light else []
@@ -141,7 +143,9 @@ class ViewNodes(Nodes):
             color = self.sum(tree, radiance + ([own] if own else []))
         emission = tree.nodes.new("ShaderNodeEmission")
         tree.links.new(color, emission.inputs["Color"])
-        shader, opacity = emission.outputs[0], self.opacity(tree, source, alpha)
+        shader, opacity = emission.outputs[0], self.opacity(tree, source, optics.alpha)
+        if optics.straight is not None:
+            shader = self.without_tint(tree, shader, optics.straight)
         if not source.get("doubleSided", False):
             front = self.front(tree)
             opacity = front if opacity is None else self.math(tree, "MULTIPLY", opacity, front)
@@ -151,6 +155,16 @@ class ViewNodes(Nodes):
         tree.links.new(shader, output.inputs["Surface"])
         output.is_active_output = True
         arrange(tree, output, [n for n in tree.nodes if n not in before])
+
+    def without_tint(self, tree, shader, straight):
+        """A shader, and what is behind it, of which the largest channel of `straight` passes, as in `texelwalk render`."""
+        red, green, blue = self.channels(tree, straight)
+        behind = tree.nodes.new("ShaderNodeBsdfTransparent")
+        tree.links.new(self.math(tree, "MAXIMUM", red, self.math(tree, "MAXIMUM", green, blue)), behind.inputs["Color"])
+        add = tree.nodes.new("ShaderNodeAddShader")
+        tree.links.new(shader, add.inputs[0])
+        tree.links.new(behind.outputs[0], add.inputs[1])
+        return add.outputs[0]
 
     def sum(self, tree, colors):
         """The sum of none, one or two colours."""

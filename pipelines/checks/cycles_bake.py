@@ -50,7 +50,7 @@ def bake(baked, pages, samples, seed, threads):
     settings.device, settings.samples, settings.seed = "CPU", samples, seed
     settings.use_adaptive_sampling = settings.use_denoising = False
     # No limit that biases: bounces, clamps, filters, and the default that drops dim lights.
-    settings.max_bounces = settings.diffuse_bounces = 128
+    settings.max_bounces = settings.diffuse_bounces = settings.transmission_bounces = 128
     settings.transparent_max_bounces = 256
     settings.sample_clamp_direct = settings.sample_clamp_indirect = 0.0
     settings.blur_glossy = settings.light_sampling_threshold = 0.0

@@ -12,7 +12,8 @@ importer's Principled BSDF has a specular lobe that a diffuse bake has not.
 * Missing light intensities are written out first: the importer would use Blender's own default instead of 1.
 * Lights are brought to the definitions of glTF afterwards, and the sky is added: `cycles_light.py`.
 
-Limits: vertex colours are clamped to 1 and stored in 8 bits (see `gltf_nodes.py`); no animation.
+Limits: vertex colours are clamped to 1 and stored in 8 bits (see `gltf_nodes.py`); no animation; what
+`KHR_materials_volume` takes from light inside glass is left out (`gltf_optics.py`).
 """
 
 import json
@@ -27,7 +28,8 @@ import numpy
 import cycles_light
 from cycles_light import LIGHT_MARK, LIGHTS
 from gltf_file import GltfFile, index, rewritten
-from gltf_nodes import UNLIT, Nodes
+from gltf_nodes import UNLIT
+from gltf_optics import OpticNodes, is_translucent, swallows
 
 MARK = "texelwalk material "
 LIGHTMAP_UV = "lightmap"
@@ -75,7 +77,8 @@ def keep_one_scene(document):
 @dataclass
 class Built:
     """The scene in Blender: the object, (page, image) pairs, and per triangle its page index or −1, its sidedness and the
-    index of its name in `names`, the objects that it was joined from."""
+    index of its name in `names`, the objects that it was joined from; names of materials that take light inside, which
+    Cycles' scene does not."""
 
     object: object
     pages: list
@@ -83,9 +86,10 @@ class Built:
     double_sided: object
     triangle_object: object
     names: list
+    swallowing: list
 
 
-class Materials(Nodes):
+class Materials(OpticNodes):
     """Builds the materials that Cycles bakes from glTF ones."""
 
     def __init__(self, gltf, folder, page_images):
@@ -106,24 +110,29 @@ class Materials(Nodes):
         material.use_nodes = True
         tree = material.node_tree
         tree.nodes.clear()
-        sided = self.double_sided(i)
+        sided = self.double_sided(i) or is_translucent(source)
         front = None if sided else self.front(tree)
-        albedo, alpha = self.reflectance(tree, source, has_color)
+        optics = self.optics(tree, source, has_color)
         diffuse = tree.nodes.new("ShaderNodeBsdfDiffuse")
         if UNLIT in source.get("extensions", {}):
             diffuse.inputs["Color"].default_value = (0.0, 0.0, 0.0, 1.0)
         else:
-            albedo = self.at_least(tree, albedo, LEAST_REFLECTANCE)
+            albedo = self.at_least(tree, optics.reflected, LEAST_REFLECTANCE)
             tree.links.new(self.scaled(tree, albedo, front) if front else albedo, diffuse.inputs["Color"])
         shader = diffuse.outputs[0]
         radiance = self.emission(tree, source)
         if radiance is not None:
             shader = self.with_emission(tree, shader, radiance, front)
             material.cycles.emission_sampling = "FRONT_BACK" if sided else "FRONT"
-        opacity = self.opacity(tree, source, alpha)
+        # A baked point counts as seen by the camera. There is nothing but what falls on its front, in holes too.
+        baked = tree.nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"]
+        for kind, color in (("ShaderNodeBsdfTransparent", optics.straight), ("ShaderNodeBsdfTranslucent", optics.beyond)):
+            if color is not None:
+                lobe = tree.nodes.new(kind)
+                tree.links.new(self.less(tree, color, baked), lobe.inputs["Color"])
+                shader = self.both(tree, shader, lobe.outputs[0])
+        opacity = self.opacity(tree, source, optics.alpha)
         if opacity is not None:
-            # A baked point counts as seen by the camera: light is baked in holes too, as texelwalk does.
-            baked = tree.nodes.new("ShaderNodeLightPath").outputs["Is Camera Ray"]
             shader = self.see_through(tree, shader, self.math(tree, "MAXIMUM", opacity, baked))
         output = tree.nodes.new("ShaderNodeOutputMaterial")
         tree.links.new(shader, output.inputs["Surface"])
@@ -138,15 +147,19 @@ class Materials(Nodes):
         tree.links.new(color, node.inputs[0])
         return node.outputs[0]
 
-    @staticmethod
-    def with_emission(tree, shader, radiance, front):
+    def with_emission(self, tree, shader, radiance, front):
         emission = tree.nodes.new("ShaderNodeEmission")
         tree.links.new(radiance, emission.inputs["Color"])
         if front:
             tree.links.new(front, emission.inputs["Strength"])
+        return self.both(tree, shader, emission.outputs[0])
+
+    @staticmethod
+    def both(tree, a, b):
+        """The sum of two shaders."""
         add = tree.nodes.new("ShaderNodeAddShader")
-        tree.links.new(shader, add.inputs[0])
-        tree.links.new(emission.outputs[0], add.inputs[1])
+        tree.links.new(a, add.inputs[0])
+        tree.links.new(b, add.inputs[1])
         return add.outputs[0]
 
     def add_page(self, tree, lightmap):
@@ -315,7 +328,8 @@ def build(gltf_path, light, grid=1):
         materials = Materials(gltf, folder, images)
         baked, sources, owners = join_all(materials)
     cycles_light.apply(gltf, light)
-    return Built(baked, result, *per_triangle(baked.data, materials, sources, pages), *owners)
+    swallowing = [m.get("name", f"material {i}") for i, m in enumerate(gltf.json.get("materials", [])) if swallows(m)]
+    return Built(baked, result, *per_triangle(baked.data, materials, sources, pages), *owners, swallowing)
 
 
 def per_triangle(mesh, materials, sources, pages):

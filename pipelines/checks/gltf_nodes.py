@@ -1,4 +1,5 @@
-"""Writes what a glTF material says into a Blender node tree: base colour, metallic, emission, alpha, sidedness.
+"""Writes what a glTF material says into a Blender node tree: base colour, metallic, emission, alpha, sidedness. What it
+lets through is the business of `gltf_optics.py`.
 
 In: a `GltfFile`, a node tree, a material's JSON. Out: node outputs (or numbers) that hold the values as glTF 2.0, sections
 3.8.4 and 3.9, and `KHR_texture_transform`, `KHR_materials_emissive_strength` define them.
@@ -25,6 +26,7 @@ from gltf_file import GltfError, index
 WRAP = {33071: "EXTEND", 33648: "MIRROR", 10497: "REPEAT"}
 TRANSFORM = "KHR_texture_transform"
 UNLIT = "KHR_materials_unlit"
+GLOSS = "KHR_materials_pbrSpecularGlossiness"
 # Pixels of the largest image that is decoded first; 16 bytes each. A larger one has texels too small to matter.
 MOST_DECODED = 1 << 20
 
@@ -155,7 +157,7 @@ class Nodes:
 
     def base_color(self, tree, source, has_color):
         """Base colour × vertex colour, and alpha (an output or a number)."""
-        pbr = source.get("pbrMetallicRoughness", {})
+        pbr = pbr_of(source)
         factor = [float(x) for x in pbr.get("baseColorFactor", (1.0, 1.0, 1.0, 1.0))]
         color, alpha = self.color(tree, factor[:3]), factor[3]
         if "baseColorTexture" in pbr:
@@ -169,17 +171,26 @@ class Nodes:
             alpha = self.math(tree, "MULTIPLY", node.outputs["Alpha"], alpha)
         return color, alpha
 
-    def reflectance(self, tree, source, has_color):
-        """Base colour × (1 − metallic), and alpha."""
-        color, alpha = self.base_color(tree, source, has_color)
-        pbr = source.get("pbrMetallicRoughness", {})
+    def diffuse_share(self, tree, source):
+        """1 − metallic; with specular-glossiness, 1 − the largest channel of specular: an output."""
+        gloss, pbr = source.get("extensions", {}).get(GLOSS, {}), pbr_of(source)
         metallic = float(pbr.get("metallicFactor", 1.0))
-        if "metallicRoughnessTexture" in pbr and metallic > 0.0:
+        if "specularGlossinessTexture" in gloss:
+            node = self.texture(tree, gloss["specularGlossinessTexture"], True)
+            specular = self.scaled(tree, self.color(tree, specular_factor(gloss)), node.outputs["Color"])
+            red, green, blue = self.channels(tree, specular)
+            metallic = self.math(tree, "MAXIMUM", red, self.math(tree, "MAXIMUM", green, blue))
+        elif "metallicRoughnessTexture" in pbr and metallic > 0.0:
             node = self.texture(tree, pbr["metallicRoughnessTexture"], False)
-            split = tree.nodes.new("ShaderNodeSeparateColor")
-            tree.links.new(node.outputs["Color"], split.inputs[0])
-            metallic = self.math(tree, "MULTIPLY", split.outputs["Blue"], metallic)
-        return self.scaled(tree, color, self.math(tree, "SUBTRACT", 1.0, metallic)), alpha
+            metallic = self.math(tree, "MULTIPLY", self.channels(tree, node.outputs["Color"])[2], metallic)
+        return self.math(tree, "SUBTRACT", 1.0, metallic)
+
+    @staticmethod
+    def channels(tree, color):
+        """Red, green and blue."""
+        node = tree.nodes.new("ShaderNodeSeparateXYZ")
+        tree.links.new(color, node.inputs[0])
+        return list(node.outputs)
 
     def emission(self, tree, source):
         """Own radiance [cd/m²], or None where it is black or the material is unlit."""
@@ -219,6 +230,19 @@ class Nodes:
         tree.links.new(tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0], mix.inputs[1])
         tree.links.new(shader, mix.inputs[2])
         return mix.outputs[0]
+
+
+def specular_factor(gloss):
+    return [float(x) for x in gloss.get("specularFactor", (1.0, 1.0, 1.0))]
+
+
+def pbr_of(source):
+    """`pbrMetallicRoughness`, or the metal that leaves as much to the diffuse lobe as specular-glossiness does."""
+    gloss = source.get("extensions", {}).get(GLOSS)
+    if gloss is None:
+        return source.get("pbrMetallicRoughness", {})
+    pbr = {"baseColorFactor": gloss.get("diffuseFactor", (1.0, 1.0, 1.0, 1.0)), "metallicFactor": max(specular_factor(gloss))}
+    return pbr | ({"baseColorTexture": gloss["diffuseTexture"]} if "diffuseTexture" in gloss else {})
 
 
 def decoded(image):
