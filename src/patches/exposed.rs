@@ -48,6 +48,9 @@ const PAD: f32 = 1e-5;
 /// texel over all of a ball of 10,000 triangles took 5 ms.
 const MOST_LOOKS: usize = 64;
 
+/// Triangles near a texel from which on it is taken for one that anything may stand within: boxes of texels as large as
+/// the scene hold all of it.
+const MOST_NEAR: u32 = 512;
 /// Points that are looked at in a cell of the mask; what else lies there is taken for the like. A texel below a thousand
 /// triangles, each as large as itself, would take 64,000 looks.
 const MOST_POINTS: u32 = 8;
@@ -217,17 +220,18 @@ impl About {
         }
         let (from, to) = tracer.bounds();
         let pad = Vec3::splat(PAD * from.abs().max(to.abs()).max_element());
-        let mut about = Self { any: false, faced: false, sheet: false };
+        let (mut about, mut looks) = (Self { any: false, faced: false, sheet: false }, 0);
         tracer.any_within(low - pad, high + pad, |t| {
+            looks += 1;
             let facing = scene.geometric_normal(t).dot(normal);
             let off = scene.corners(t).map(|corner| (corner - position).dot(normal).abs());
             let own = facing > SAME_PLANE && off.into_iter().fold(0.0, f32::max) < FLAT * edge;
             about.any |= !own;
             about.faced |= facing < FACING;
             about.sheet |= !own && behind::is_sheet(scene, closed, t);
-            about.any && about.faced && about.sheet
+            looks == MOST_NEAR || about.any && about.faced && about.sheet
         });
-        about
+        if looks == MOST_NEAR { unknown } else { about }
     }
 }
 

@@ -16,6 +16,8 @@ const NEAR: f64 = 0.01;
 const ROUNDING: f64 = 3e-7;
 /// Most distance of places that are one, in median texel edges: texels that are torn apart are everywhere.
 const MOST: f64 = 4.0;
+/// The same in parts of the largest coordinate: texels as large as the scene do not make one of all its places.
+const MOST_OF_ALL: f64 = 1e-3;
 /// Borders beside a stretch from which on it is no seam but a knot.
 const CROWD: usize = 4096;
 
@@ -33,7 +35,7 @@ impl<'a> Meeting<'a> {
     pub(super) fn new(borders: &'a Borders<'a>, tracer: &'a Tracer<'a>) -> Self {
         let (low, high) = tracer.bounds();
         let reach = f64::from(low.abs().max(high.abs()).max_element());
-        Self { borders, tracer, rounding: ROUNDING * reach, most: MOST * borders.texel }
+        Self { borders, tracer, rounding: ROUNDING * reach, most: (MOST * borders.texel).min(MOST_OF_ALL * reach) }
     }
 
     /// How far apart two places may be that are one, beside an edge [m].
