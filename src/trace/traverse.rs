@@ -233,15 +233,20 @@ impl<L: Lanes> Slab<L> {
     /// all coordinates.
     #[inline(always)]
     pub(super) fn within(origin: Vec3, shear: &Shear, reach: f32, slack: f32) -> Self {
-        let unit = shear.unit.to_array();
-        let [x, y, z] = [0, 1, 2].map(|axis: usize| {
-            let inverse = negative_inverse(unit[axis]);
-            let ahead = slack.copysign(-inverse);
-            let [near, _] = L::axis(origin[axis] + ahead, inverse, reach + slack);
-            let [_, far] = L::axis(origin[axis] - ahead, inverse, reach + slack);
-            ([near, far], usize::from(inverse > 0.0))
-        });
+        // Not by `map`: its closure is a call in code for newer processors, and lanes go to it through memory.
+        let x = Self::axis_within(origin.x, shear.unit.x, reach, slack);
+        let y = Self::axis_within(origin.y, shear.unit.y, reach, slack);
+        let z = Self::axis_within(origin.z, shear.unit.z, reach, slack);
         Self { axes: [x.0, y.0, z.0], enter: [x.1, y.1, z.1] }
+    }
+
+    #[inline(always)]
+    fn axis_within(origin: f32, direction: f32, reach: f32, slack: f32) -> ([[L; 2]; 2], usize) {
+        let inverse = negative_inverse(direction);
+        let ahead = slack.copysign(-inverse);
+        let [near, _] = L::axis(origin + ahead, inverse, reach + slack);
+        let [_, far] = L::axis(origin - ahead, inverse, reach + slack);
+        ([near, far], usize::from(inverse > 0.0))
     }
 
     /// Inner distances to the eight boxes, and a bit for each that is met before `limit`.

@@ -122,7 +122,9 @@ impl Shear {
     #[inline(always)]
     pub(super) fn cross_points(&self, corners: [Vec3; 3]) -> Option<Crossing> {
         let [x, y, z] = [self.axes[0] as usize, self.axes[1] as usize, self.axes[2] as usize];
-        self.cross_corners(corners.map(|p| [p[x], p[y], p[z]]))
+        // Not by `map`: its closure is a call in code for newer processors.
+        let [p, q, r] = corners;
+        self.cross_corners([[p[x], p[y], p[z]], [q[x], q[y], q[z]], [r[x], r[y], r[z]]])
     }
 
     #[inline(always)]
