@@ -54,6 +54,8 @@ const MOST_NEAR: u32 = 512;
 /// Points that are looked at in a cell of the mask; what else lies there is taken for the like. A texel below a thousand
 /// triangles, each as large as itself, would take 64,000 looks.
 const MOST_POINTS: u32 = 8;
+/// The same for texels of more than [`MOST_LOOKS`] triangles.
+const CRUMPLED_POINTS: u32 = 2;
 
 /// Less than this share of a texel counts as none: a single line would make a spike of it.
 pub(super) const LEAST_EXPOSED: f32 = 0.04;
@@ -163,18 +165,19 @@ fn cells(
     about: About,
 ) -> [Cell; (MASK_GRID * MASK_GRID) as usize] {
     let mut cells = [Cell::default(); (MASK_GRID * MASK_GRID) as usize];
-    for f in patches.fragments.range(patch) {
+    let fragments = patches.fragments.range(patch);
+    let most = if fragments.len() > MOST_LOOKS { CRUMPLED_POINTS } else { MOST_POINTS };
+    for f in fragments {
         patches.cell_centroids(patch, f, MASK_GRID, |point, centroid, area| {
             let cell = &mut cells[cell_index(centroid, MASK_GRID)];
             let position = solids.tracer.scene().position(point.triangle, point.b);
             let share = |part: f32| part / cell.area.max(f32::MIN_POSITIVE);
-            let (open, before) = match cell.points {
-                MOST_POINTS.. => (share(cell.open), share(cell.before)),
-                _ => {
-                    let open = !is_hidden(solids, point, about);
-                    let before = open && !(about.sheet && is_behind(patches, solids, patch, position));
-                    (f32::from(u8::from(open)), f32::from(u8::from(before)))
-                }
+            let (open, before) = if cell.points >= most {
+                (share(cell.open), share(cell.before))
+            } else {
+                let open = !is_hidden(solids, point, about);
+                let before = open && !(about.sheet && is_behind(patches, solids, patch, position));
+                (f32::from(u8::from(open)), f32::from(u8::from(before)))
             };
             cell.points += 1;
             cell.area += area;
