@@ -6,14 +6,15 @@ mod solve;
 #[path = "support/mod.rs"]
 mod support;
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Vec2, Vec3, Vec4};
 use solve::{Stage, load};
 use std::collections::BTreeMap;
 use support::{blob, grid, place, room, scene_from_triangles, skew};
 use texelwalk::base::{Progress, Rgb};
 use texelwalk::finish::{self, Lightmap};
-use texelwalk::scene::Scene;
-use texelwalk::vertices::{Settings, VertexLight, fit};
+use texelwalk::scene::{Scene, Sky};
+use texelwalk::vertices::{Fit, Settings, VertexLight, fit};
+use texelwalk::walk::Splat;
 
 /// A lightmap with `light` at the middle of each texel's surface, dilated as a bake does.
 fn painted(stage: &Stage<'_>, light: impl Fn(Vec3) -> Rgb) -> Lightmap {
@@ -137,7 +138,7 @@ fn cut_triangles_fit_better_and_leave_no_vertex_on_an_edge() {
 fn what_cannot_be_reached_is_said() {
     let scene = scene_from_triangles(&place(&floor(1), skew(), 1.0, DVec3::ZERO));
     let light = fitted(&scene, 4.0, Some(1e-6), |p| Rgb::splat(if libm::sinf(p.x * 3.0) > 0.2 { 1.0 } else { 0.0 }));
-    assert!(!light.fit.reached && light.fit.triangles > 2 && light.fit.triangles < 600, "{:?}", light.fit);
+    assert!(!light.fit.reached && light.fit.triangles > 2 && light.fit.triangles < 256 * 8, "{:?}", light.fit);
     let dark = fitted(&scene, 4.0, Some(0.1), |_| Rgb::ZERO);
     assert!(dark.fit.reached && dark.fit.error == 0.0 && dark.parts[0].values.iter().all(|v| *v == Rgb::ZERO));
 }
@@ -180,4 +181,83 @@ fn better_than_looking_at_the_vertices_or_averaging() {
     let bump = |p: Vec3| Rgb::splat(1.0 + libm::sinf(2.0 * p.x) * libm::cosf(1.7 * p.z + 0.3));
     let fit = fitted(&scene, 32.0, None, bump).fit;
     assert!(fit.error < 0.6 * fit.error_sampled && fit.error < 0.6 * fit.error_averaged, "{fit:?}");
+}
+
+/// A square of 4 m, `cells`² quads with smooth normals, `height` [m] over it, under an even sky.
+fn relief(cells: u32, height: impl Fn(f32, f32) -> f32) -> Scene {
+    let mut scene = scene_from_triangles(&place(&floor(1), skew(), 1.0, DVec3::ZERO));
+    let at = |i: u32, k: u32| {
+        let [x, z] = [i, k].map(|n| n as f32 * 4.0 / cells as f32);
+        Vec3::new(x, height(x, z), z)
+    };
+    let (mut position, mut normal) = (vec![], vec![]);
+    for (i, k) in (0..=cells).flat_map(|i| (0..=cells).map(move |k| (i, k))) {
+        let p = at(i, k);
+        let slope = |dx: f32, dz: f32| (height(p.x + dx, p.z + dz) - height(p.x - dx, p.z - dz)) / 0.002;
+        position.push(p);
+        normal.push(Vec3::new(-slope(0.001, 0.0), 1.0, -slope(0.0, 0.001)).normalize());
+    }
+    let corner = |i: u32, k: u32| i * (cells + 1) + k;
+    let quad = |(i, k): (u32, u32)| {
+        let [a, b, c, d] = [corner(i, k), corner(i, k + 1), corner(i + 1, k + 1), corner(i + 1, k)];
+        [[a, b, c], [a, c, d]]
+    };
+    scene.triangles = (0..cells).flat_map(|i| (0..cells).map(move |k| (i, k))).flat_map(quad).collect();
+    let (vertices, triangles) = (position.len(), scene.triangles.len());
+    scene.triangle_part = vec![0; triangles];
+    scene.vertices.color = vec![Vec4::ONE; vertices];
+    scene.vertices.uv = vec![vec![Vec2::ZERO; vertices]];
+    (scene.vertices.position, scene.vertices.normal) = (position, normal);
+    let part = &mut scene.parts[0];
+    (part.vertices, part.triangles, part.flat) = (0..vertices as u32, 0..triangles as u32, false);
+    scene.sky = Sky::constant(Rgb::ONE);
+    scene
+}
+
+/// The fit of light that was solved: shadow rays, and `lines` for what is reflected.
+fn solved(scene: &Scene, texels_per_meter: f32, lines: u64, subdivide: Option<f64>) -> Fit {
+    let stage = Stage::new(scene, texels_per_meter);
+    let direct = stage.direct(64);
+    let indirect = stage.walk(Some(&direct), Splat::None, lines, 1).indirect;
+    let light: Vec<Rgb> = direct.iter().zip(indirect).map(|(d, i)| *d + i).collect();
+    let mut lightmap = finish::assemble(&stage.patches, stage.atlas.pages, &light, 1.0);
+    lightmap.pages.iter_mut().for_each(|page| finish::dilate(page, 2));
+    fit(scene, &stage.atlas, &stage.patches, &lightmap, &Settings { subdivide }, &Progress::default()).fit
+}
+
+/// Both plain methods at the same vertices.
+#[test]
+fn three_fifths_of_the_error_of_sampling_and_averaging_in_four_scenes() {
+    let [waves, hills, pits] = [
+        relief(18, |x, z| 0.25 * libm::sinf(5.0 * x) * libm::cosf(5.0 * z)),
+        relief(16, |x, z| 0.15 * (libm::sinf(4.0 * x + z) + libm::cosf(5.0 * z - x))),
+        relief(14, |x, z| -0.4 * (libm::sinf(3.0 * x) * libm::sinf(3.0 * z)).powi(2)),
+    ];
+    let chairs = load("chairs/chairs.glb");
+    let scenes = [
+        ("waves", &waves, 0, None),
+        ("hills", &hills, 0, None),
+        ("pits", &pits, 0, None),
+        ("chairs", &chairs, 4_000_000, Some(0.1)),
+    ];
+    for (name, scene, lines, subdivide) in scenes {
+        let fit = solved(scene, 24.0, lines, subdivide);
+        eprintln!("{name}: {:.3} {:.3} {fit:?}", fit.error / fit.error_sampled, fit.error / fit.error_averaged);
+        assert!(fit.error <= 0.6 * fit.error_sampled && fit.error <= 0.6 * fit.error_averaged, "{name}: {fit:?}");
+    }
+}
+
+/// A cord: a triangular prism 4 mm wide and 2 m long, less than a texel wide at 32 texels per metre.
+#[test]
+fn needles_are_cut_along_their_length() {
+    let ring = [0.0, 1.0, 2.0].map(|k| DVec3::new(0.002 * libm::cos(k * 2.1), 0.0, 0.002 * libm::sin(k * 2.1)));
+    let sides = (0..3).flat_map(|k| {
+        let (a, b) = (ring[k], ring[(k + 1) % 3]);
+        let up = DVec3::Y * 2.0;
+        [[a, a + up, b + up], [a, b + up, b]]
+    });
+    let cord = scene_from_triangles(&place(&sides.collect::<Vec<_>>(), skew(), 1.0, DVec3::ZERO));
+    let end = skew().as_mat3() * Vec3::Y;
+    let light = fitted(&cord, 32.0, Some(0.05), |p| Rgb::splat(1.0 / (0.1 + (2.0 - p.dot(end)).powi(2))));
+    assert!(light.fit.reached && light.fit.error <= 0.05 && light.fit.triangles < 400, "{:?}", light.fit);
 }

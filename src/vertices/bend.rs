@@ -16,8 +16,9 @@ use super::mesh::Mesh;
 use crate::base::parallel;
 use glam::DVec3;
 
-/// λ. Larger: light becomes smoother than it is; smaller: vertices of triangles that see few texels swing.
-const STIFFNESS: f64 = 0.001;
+/// λ. Larger: light becomes smoother than it is, most of all over needles, whose cotangents are large (ten times as much
+/// made a furnished hotel's fit worse than plain averages); smaller: what few texels say little about swings.
+const STIFFNESS: f64 = 1e-4;
 /// Cotangents beyond it are cut: needles would tie their neighbours to rounding errors.
 const MOST_COTANGENT: f64 = 10.0;
 

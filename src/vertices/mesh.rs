@@ -53,6 +53,12 @@ impl Element {
         self.page != NO_PATCH
     }
 
+    /// Length of the longest edge on the page [texels].
+    pub(super) fn longest_texels(&self) -> f64 {
+        let [a, b, c] = self.uv;
+        a.distance(b).max(b.distance(c)).max(c.distance(a))
+    }
+
     /// Twice the signed area on the page [texel²].
     pub(super) fn doubled_texels(&self) -> f64 {
         let [a, b, c] = self.uv;

@@ -10,7 +10,7 @@
 //! 1984: angles never get smaller than half of what they were.
 //!
 //! Invariants: the surface and its light stay where they are; triangles that share an edge still share all of it.
-//! Limits: triangles smaller than [`LEAST_TEXELS`] texels are not cut, and at most [`MOST_ELEMENTS`] are made.
+//! Limits: triangles whose edges are all shorter than [`LEAST_EDGE`] are not cut, and at most [`MOST_ELEMENTS`] are made.
 
 use super::mesh::Element;
 use super::mesh::Mesh;
@@ -24,8 +24,9 @@ use std::collections::BTreeSet;
 const SHARE: f64 = 0.6;
 /// Triangles that can be cut must hold this part of the squared error: less is not worth a round.
 const LEAST_SHARE: f64 = 0.01;
-/// Triangles of less area are not cut [texel²]: there is nothing in them that a vertex could show.
-const LEAST_TEXELS: f64 = 2.0;
+/// Triangles with shorter edges only are not cut [texels]: between two texels the lightmap is linear. Not a least area:
+/// the cord of a lamp is half a texel wide and 12 long, and held 90 % of a room's squared error.
+const LEAST_EDGE: f64 = 1.0;
 /// Triangles at which there are enough.
 const MOST_ELEMENTS: usize = 8_000_000;
 
@@ -79,7 +80,7 @@ fn edge(a: u32, b: u32) -> Edge {
 /// Triangles large enough to be cut that hold [`SHARE`] of the squared error of all such; none if that is next to
 /// nothing.
 fn worst(mesh: &Mesh, errors: &[f64]) -> Vec<u32> {
-    let large = |e: &Element| e.is_charted() && 0.5 * e.doubled_texels().abs() >= LEAST_TEXELS;
+    let large = |e: &Element| e.is_charted() && e.longest_texels() >= LEAST_EDGE;
     let mut all: Vec<(f64, u32)> =
         (0..).zip(errors).filter(|(k, _)| large(&mesh.elements[*k as usize])).map(|(k, e)| (*e, k)).collect();
     all.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
