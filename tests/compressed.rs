@@ -12,13 +12,13 @@ mod crosscheck_env;
 #[path = "support/gltf_builder.rs"]
 mod gltf_builder;
 
-use compressed::{draco_mesh, draco_square, index_sequence, meshopt_square, vertex_stream};
-use glam::Vec3;
+use compressed::{draco_mesh, draco_square, draco_squares, index_sequence, meshopt_square, vertex_stream};
+use glam::{Vec2, Vec3};
 use gltf_builder::Builder;
 use serde_json::{Value, json};
 use std::path::Path;
 use std::process::Command;
-use texelwalk::scene::{Scene, Settings, load, load_bytes};
+use texelwalk::scene::{Part, Scene, Settings, load, load_bytes};
 
 fn scene(builder: &Builder) -> Scene {
     load_bytes(builder.gltf(), Path::new("a.gltf"), &Settings::default()).unwrap().output
@@ -166,7 +166,7 @@ fn damaged_draco_is_refused_with_its_place() {
 /// Every byte changed in turn, and every length: refused or read, never a panic or a hang.
 #[test]
 fn no_damaged_stream_is_trusted() {
-    let streams = [meshopt_square("EXT_meshopt_compression"), draco_square()];
+    let streams = [meshopt_square("EXT_meshopt_compression"), draco_square(), draco_squares(&ALL_SHARED)];
     for builder in streams {
         for at in 0..builder.bin.len() {
             for flip in [0xff, 0x01, 0x80, 0x10] {
@@ -212,6 +212,67 @@ fn what_is_baked_is_written_uncompressed_and_the_rest_stays() {
                 json["accessors"][position]["count"].as_u64().unwrap()
             });
         }
+    }
+}
+
+/// Position and texture coordinates of every corner, by part.
+fn corners(scene: &Scene) -> Vec<Vec<(Vec3, Vec2)>> {
+    let corner = |v: u32| (scene.vertex_position(v), scene.vertex_uv(0, v).unwrap());
+    let part = |p: &Part| scene.part_triangles(p).flatten().map(|v| corner(p.vertices.start + v)).collect();
+    scene.parts.iter().map(part).collect()
+}
+
+const ALL_SHARED: [&str; 3] = ["indices", "POSITION", "TEXCOORD_0"];
+
+/// As Blender's exporter leaves them: one accessor of indices for all meshes of so many triangles.
+#[test]
+fn draco_primitives_that_share_an_accessor_have_their_own_values() {
+    let apart = corners(&scene(&draco_squares(&[])));
+    assert_eq!(apart[0], corners(&scene(&draco_square()))[0]);
+    assert_eq!(apart[0], apart[2]);
+    assert_eq!(apart[1][0].0, Vec3::new(4.0, 0.0, 0.0));
+    assert_eq!(corners(&scene(&draco_squares(&["indices"]))), apart);
+    assert_eq!(corners(&scene(&draco_squares(&ALL_SHARED))), apart);
+}
+
+#[test]
+fn draco_primitives_that_share_an_accessor_must_fit_it() {
+    let mut b = draco_squares(&ALL_SHARED);
+    let one_triangle = [b"DRACO\x02\x02\x01\x00\x00\x00\x01\x00\x01".as_slice(), &[0, 1, 2], &[0]].concat();
+    let view = b.view(&one_triangle, json!({}));
+    let second = "/meshes/0/primitives/1/extensions/KHR_draco_mesh_compression";
+    b.set(second, json!({"bufferView": view, "attributes": {}}));
+    let message = refusal(&b);
+    assert!(message.contains("mesh 0, primitive 1: indices: 6 are claimed, but 1 triangles"), "{message}");
+    b.set(second, json!({"bufferView": 99, "attributes": {}}));
+    assert!(refusal(&b).contains("buffer view 99"), "{}", refusal(&b));
+}
+
+#[test]
+fn draco_primitives_that_share_an_accessor_are_written_apart() {
+    let home = tempfile::tempdir().unwrap();
+    let apart = corners(&scene(&draco_squares(&[])));
+    for (target, receives) in [("lightmap", true), ("vertex", true), ("lightmap", false)] {
+        let mut builder = draco_squares(&ALL_SHARED);
+        let second = json!({"mesh": 0, "translation": [0, 9, 0], "extras": {"texelwalk": {"receives": receives}}});
+        let second = builder.push("nodes", second);
+        builder.json["scenes"][0]["nodes"].as_array_mut().unwrap().push(json!(second));
+        let source = builder.json.clone();
+        let input = home.path().join("squares.glb");
+        std::fs::write(&input, builder.glb(&[])).unwrap();
+        let output = home.path().join(format!("{target}-{receives}/squares.glb"));
+        std::fs::create_dir_all(output.parent().unwrap()).unwrap();
+        let mut bake = Command::new(env!("CARGO_BIN_EXE_texelwalk"));
+        bake.arg("bake").arg(&input).arg("-o").arg(&output).args(["--preset", "preview", "--sky", "1,1,1", "-q"]);
+        let done = bake.args(["--target", target]).output().unwrap();
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+        let baked = load(&output, &Settings::default()).unwrap().output;
+        assert_eq!(baked.parts.len(), 6);
+        assert_eq!(corners(&baked)[..3], apart, "{target} {receives}");
+        let json: Value = serde_json::from_str(&baked.document.json).unwrap();
+        let kept = source["accessors"].as_array().unwrap();
+        assert_eq!(&json["accessors"].as_array().unwrap()[..kept.len()], kept);
+        assert!(receives || json["meshes"][0] == source["meshes"][0], "what the dark node shows stays");
     }
 }
 

@@ -69,12 +69,10 @@ impl Lightmaps {
         let quantity = |s: &Element<'_>| s.find(&["extras", "lightmap", "quantity"]).and_then(|q| q.string());
         let irradiance = root.array("scenes").iter().find_map(quantity).is_some_and(|q| q == "irradiance");
         let factor = if irradiance { 1.0 } else { core::f32::consts::PI };
-        let meshes = root.array("meshes");
         self.vertices = vec![vec![]; scene.parts.len()];
         for (part, values) in scene.parts.iter().zip(&mut self.vertices) {
-            let primitive = meshes.get(part.mesh).and_then(|m| m.array("primitives").get(part.primitive).copied());
-            let attributes = primitive.and_then(|p| p.get("attributes"));
-            let Some(accessor) = attributes.and_then(|a| a.index_at("_LIGHTMAP")) else { continue };
+            let accessor = scene.document.root.attribute(part.mesh, part.primitive, "_LIGHTMAP");
+            let Some(accessor) = accessor else { continue };
             let data = scene.document.accessor(accessor)?;
             if (data.components, data.component_type, data.count) != (3, 5126, part.vertices.len()) {
                 return Err(fail(format!("_LIGHTMAP of {} is not three floats for each vertex", part.name)));

@@ -4,7 +4,8 @@
 //!
 //! Invariant: `buffers` has one entry per buffer of the document, of exactly its `byteLength`, all of it really read:
 //! no allocation trusts a number of the document. Buffers that only stand for what is compressed are empty. Behind them
-//! are buffers with what was decompressed (`meshopt`, `draco`), to which views of `root` were turned.
+//! are buffers with what was decompressed (`meshopt`, `draco`), to which views of `root` were turned. Likewise `root` may
+//! have accessors behind those of the text: ask it, not the text, which of them hold a primitive's values.
 
 use super::Error;
 use super::container;

@@ -2,7 +2,8 @@
 //!
 //! In: a [`Document`] with its buffers. Out: accessors without bytes of compressed primitives show buffers with their
 //! decompressed values, in the component type that the accessor names. Accessors that have bytes of their own beside the
-//! compressed ones keep them.
+//! compressed ones keep them. Where primitives with different compressed bytes name one accessor, as Blender's exporter
+//! lets them, the first keeps it; the others get copies of it, which only `root` has: the text names the first's.
 //!
 //! Source: the extension's specification; the decoder is the crate `draco-core`.
 //!
@@ -25,6 +26,7 @@ use draco_core::PointAttribute;
 use draco_core::PointIndex;
 use serde::Deserialize;
 use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 
 /// Zeros for each byte of a compressed mesh, at most. Enough for 64 vertices to a byte; what was met has up to 10.
 const MOST_ROOM: usize = 8;
@@ -40,58 +42,87 @@ pub struct Draco {
     attributes: Attributes,
 }
 
-/// Values for an accessor.
-struct Values {
+/// What an accessor should hold: values of a compressed mesh.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Content {
+    /// The accessor that the text names.
     accessor: usize,
-    bytes: Vec<u8>,
+    /// The compressed bytes.
+    view: usize,
+    /// Of the attribute; indices have none.
+    number: Option<usize>,
+}
+
+/// Where decompressed values are.
+#[derive(Debug, Default)]
+struct Places {
+    /// Accessors that had no bytes of their own.
+    filled: BTreeSet<usize>,
+    /// The accessor that holds them, which is another than the text names where that is taken.
+    of: BTreeMap<Content, usize>,
 }
 
 impl Document {
     /// Decompresses all primitives that have no other values.
     pub(super) fn decompress_primitives(&mut self) -> Result<(), Error> {
-        // Accessor → the compressed bytes that its values came from.
-        let mut done: BTreeMap<usize, usize> = BTreeMap::new();
+        let mut places = Places::default();
         for mesh in 0..self.root.meshes.len() {
             for primitive in 0..self.root.meshes[mesh].primitives.len() {
-                let name = self.root.primitive_name(mesh, primitive);
-                let values = self.primitive(mesh, primitive, &mut done).map_err(|e| e.within(&name))?;
-                for values in values {
-                    self.store(values);
+                let entry = &self.root.meshes[mesh].primitives[primitive];
+                let within = |e: Error| e.within(&self.root.primitive_name(mesh, primitive));
+                let values = self.missing_values(entry, &places).map_err(within)?;
+                for (content, bytes) in values {
+                    self.store(content, bytes, &mut places);
                 }
+                self.root.meshes[mesh].primitives[primitive].turn_to(&places);
             }
         }
         Ok(())
     }
 
-    fn store(&mut self, values: Values) {
-        let byte_length = values.bytes.len();
-        let buffer = Some(self.add_buffer(values.bytes));
+    fn store(&mut self, content: Content, bytes: Vec<u8>, places: &mut Places) {
+        let mut place = content.accessor;
+        if !places.filled.insert(place) {
+            self.root.accessors.push(self.root.accessors[place].clone());
+            place = self.root.accessors.len() - 1;
+        }
+        let byte_length = bytes.len();
+        let buffer = Some(self.add_buffer(bytes));
         self.root.buffer_views.push(BufferView { buffer, byte_length, ..BufferView::default() });
-        let accessor = &mut self.root.accessors[values.accessor];
+        let accessor = &mut self.root.accessors[place];
         (accessor.buffer_view, accessor.byte_offset) = (Some(self.root.buffer_views.len() - 1), 0);
+        places.of.insert(content, place);
     }
 
-    fn primitive(
-        &self,
-        mesh: usize,
-        primitive: usize,
-        done: &mut BTreeMap<usize, usize>,
-    ) -> Result<Vec<Values>, Error> {
-        let entry = &self.root.meshes[mesh].primitives[primitive];
+    /// Decompresses what a primitive has nowhere else.
+    fn missing_values(&self, entry: &Primitive, places: &Places) -> Result<Vec<(Content, Vec<u8>)>, Error> {
         let Some(draco) = &entry.extensions.draco else { return Ok(vec![]) };
         let Some(view) = draco.buffer_view else {
             return Err(Error::invalid("its Draco extension names no buffer view"));
         };
-        let wanted = self.wanted(entry, draco, view, done)?;
-        if wanted.is_empty() {
+        let missing = self.missing(entry, draco, view, places);
+        if missing.is_empty() {
             return Ok(vec![]);
         }
         if entry.mode.is_some_and(|mode| mode != 4) {
             return Err(Error::unsupported("Draco compression of anything but triangle lists is not supported"));
         }
+        let count = missing.keys().map(|content| self.root.accessors[content.accessor].count).max();
+        let decoded = self.decode(view, count.unwrap_or_default())?;
+        let values = missing.into_iter().map(|(content, what)| {
+            let values = match content.number {
+                Some(number) => self.attribute(&decoded, content.accessor, number),
+                None => self.indices(&decoded, content.accessor),
+            };
+            values.map(|bytes| (content, bytes)).map_err(|e| e.within(&what))
+        });
+        values.collect()
+    }
+
+    /// The mesh of a buffer view; `count` of vertices or corners is the most that is expected of it.
+    fn decode(&self, view: usize, count: usize) -> Result<Mesh, Error> {
         let bytes = self.buffer_view(view)?;
-        let count = wanted.iter().filter_map(|(a, ..)| self.root.accessors.get(*a)).map(|a| a.count).max();
-        let mut padded = with_room(bytes, count.unwrap_or_default());
+        let mut padded = with_room(bytes, count);
         claim_a_point(&mut padded);
         let (mut decoded, mut buffer) = (Mesh::new(), DecoderBuffer::new(&padded));
         MeshDecoder::new()
@@ -100,47 +131,26 @@ impl Document {
         if buffer.remaining_size() < padded.len() - bytes.len() {
             return Err(Error::invalid("its Draco bytes cannot be decoded: they end too early"));
         }
-        let mut out = Vec::with_capacity(wanted.len());
-        for (accessor, what, number) in wanted {
-            let values = match number {
-                Some(number) => self.attribute(&decoded, accessor, number),
-                None => self.indices(&decoded, accessor),
-            };
-            let bytes = values.map_err(|e| e.within(&what))?;
-            out.push(Values { accessor, bytes });
-            done.insert(accessor, view);
-        }
-        Ok(out)
+        Ok(decoded)
     }
 
-    /// Accessors that lack values: what for, and the number of the attribute; indices have none.
-    fn wanted(
-        &self,
-        entry: &Primitive,
-        draco: &Draco,
-        view: usize,
-        done: &BTreeMap<usize, usize>,
-    ) -> Result<Vec<(usize, String, Option<usize>)>, Error> {
-        let mut wanted = vec![];
-        if let Some(indices) = entry.indices {
-            wanted.push((indices, "indices".to_owned(), None));
+    /// What a primitive should have but no accessor holds yet, and what it is for.
+    fn missing(&self, entry: &Primitive, draco: &Draco, view: usize, places: &Places) -> BTreeMap<Content, String> {
+        let mut missing = BTreeMap::new();
+        if let Some(accessor) = entry.indices {
+            missing.insert(Content { accessor, view, number: None }, "indices".to_owned());
         }
         for (semantic, &number) in &draco.attributes {
             if let Some(&accessor) = entry.attributes.get(semantic) {
-                wanted.push((accessor, semantic.clone(), Some(number)));
+                missing.insert(Content { accessor, view, number: Some(number) }, semantic.clone());
             }
         }
-        for (accessor, what, _) in &wanted {
-            if done.get(accessor).is_some_and(|&other| other != view) {
-                return Err(Error::unsupported(format!(
-                    "{what}: accessor {accessor} is the place of two compressed meshes"
-                )));
-            }
-        }
-        wanted.retain(|(a, ..)| {
-            !done.contains_key(a) && self.root.accessors.get(*a).is_some_and(|a| a.buffer_view.is_none())
-        });
-        Ok(wanted)
+        let lacks_bytes = |accessor: usize| {
+            places.filled.contains(&accessor)
+                || self.root.accessors.get(accessor).is_some_and(|a| a.buffer_view.is_none())
+        };
+        missing.retain(|content, _| !places.of.contains_key(content) && lacks_bytes(content.accessor));
+        missing
     }
 
     fn indices(&self, mesh: &Mesh, accessor: usize) -> Result<Vec<u8>, Error> {
@@ -176,6 +186,23 @@ impl Document {
             return Err(Error::invalid(format!("values of attribute {number} are missing or of an unknown type")));
         }
         Ok(bytes)
+    }
+}
+
+impl Primitive {
+    /// Makes it name the accessors that hold its own values.
+    fn turn_to(&mut self, places: &Places) {
+        let Some(draco) = &self.extensions.draco else { return };
+        let Some(view) = draco.buffer_view else { return };
+        let place = |accessor: usize, number: Option<usize>| {
+            places.of.get(&Content { accessor, view, number }).copied().unwrap_or(accessor)
+        };
+        self.indices = self.indices.map(|accessor| place(accessor, None));
+        for (semantic, &number) in &draco.attributes {
+            if let Some(accessor) = self.attributes.get_mut(semantic) {
+                *accessor = place(*accessor, Some(number));
+            }
+        }
     }
 }
 

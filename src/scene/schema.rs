@@ -505,6 +505,12 @@ impl Root {
         }
     }
 
+    /// The accessor with the values of a primitive's attribute. The text names another where compressed meshes share it.
+    #[must_use]
+    pub fn attribute(&self, mesh: usize, primitive: usize, semantic: &str) -> Option<usize> {
+        self.meshes.get(mesh)?.primitives.get(primitive)?.attributes.get(semantic).copied()
+    }
+
     /// The lights of `KHR_lights_punctual`.
     #[must_use]
     pub fn lights(&self) -> &[LightEntry] {

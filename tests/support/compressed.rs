@@ -117,14 +117,19 @@ pub(crate) fn meshopt_square(name: &str) -> Builder {
 
 /// The square's positions (attribute 7) and texture coordinates (attribute 3).
 pub(crate) fn draco_mesh() -> Vec<u8> {
+    draco_mesh_of(QUAD, &POSITIONS)
+}
+
+/// The same with other corners and positions.
+fn draco_mesh_of(corners: [u32; 6], positions: &[f32; 12]) -> Vec<u8> {
     const FLOAT: u8 = 9;
     let mut out = b"DRACO".to_vec();
     // Version 2.2, a mesh, sequential, no flags; 2 faces, 4 points, plain indices.
     out.extend([2, 2, 1, 0, 0, 0, 2, 4, 1]);
-    out.extend(QUAD.map(|i| i as u8));
+    out.extend(corners.map(|i| i as u8));
     // One decoder of two attributes: kind, type, components, normalised, number; then how each is coded (as it is).
     out.extend([1, 2, 0, FLOAT, 3, 0, 7, 3, FLOAT, 2, 0, 3, 0, 0]);
-    out.extend(bytes_of(&POSITIONS));
+    out.extend(bytes_of(positions));
     out.extend(bytes_of(&UVS));
     out
 }
@@ -138,5 +143,27 @@ pub(crate) fn draco_square() -> Builder {
     let numbers: Value = json!({"POSITION": 7, "TEXCOORD_0": 3});
     let draco = json!({"bufferView": view, "attributes": numbers});
     b.set("/meshes/0/primitives/0/extensions", json!({"KHR_draco_mesh_compression": draco}));
+    b
+}
+
+/// The same square, another one 3 m beside it that is cut along the other diagonal, and the first again, all in one mesh.
+/// The second has compressed bytes of its own; it names the accessors of the first for `shared` (`indices` or a
+/// semantic), else its own.
+pub(crate) fn draco_squares(shared: &[&str]) -> Builder {
+    let mut b = draco_square();
+    let mut positions = POSITIONS;
+    positions.iter_mut().step_by(3).for_each(|x| *x += 3.0);
+    let view = b.view(&draco_mesh_of([1, 2, 3, 1, 3, 0], &positions), json!({}));
+    let first = b.json["meshes"][0]["primitives"][0].clone();
+    let mut second = first.clone();
+    second["extensions"]["KHR_draco_mesh_compression"]["bufferView"] = json!(view);
+    for place in ["/indices", "/attributes/POSITION", "/attributes/TEXCOORD_0"] {
+        let own = second.pointer_mut(place).filter(|_| !shared.iter().any(|name| place.ends_with(name)));
+        if let Some(accessor) = own {
+            let entry = b.json["accessors"][accessor.as_u64().map_or(usize::MAX, |a| a as usize)].clone();
+            *accessor = json!(b.push("accessors", entry));
+        }
+    }
+    b.json["meshes"][0]["primitives"] = json!([first, second, first]);
     b
 }

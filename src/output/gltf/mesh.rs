@@ -44,7 +44,7 @@ pub(super) struct Meshes<'a> {
     splits: Vec<Split<'a>>,
     /// (mesh, primitive) → its ways of being split.
     splits_of: BTreeMap<(usize, usize), Vec<usize>>,
-    /// (split, source accessor) → accessor.
+    /// (split, accessor that was read) → accessor.
     attributes: BTreeMap<(usize, usize), usize>,
     /// Vertex count → accessor of so many zeros.
     zeros: BTreeMap<usize, usize>,
@@ -158,12 +158,15 @@ impl<'a> Meshes<'a> {
         let mut edits = VertexEdits { replaced: Vec::new(), added: Vec::new() };
         let lightmap = format!("TEXCOORD_{}", baked.set);
         let attributes = root.get("attributes").map(|a| a.members()).unwrap_or_default();
-        let mut sources = root.array("targets").iter().flat_map(Element::members).collect::<Vec<_>>();
-        sources.extend(attributes.iter().filter(|(name, _)| *name != lightmap).cloned());
         if !baked.unsplit {
-            for (name, element) in sources {
-                let source = element.index().ok_or_else(|| self.missing(baked, &name))?;
-                edits.replaced.push((element, self.remapped(source, &name, baked, split)?));
+            for (name, element) in root.array("targets").iter().flat_map(Element::members) {
+                let new = self.remapped(&element, element.index(), &name, baked, split)?;
+                edits.replaced.push((element, new));
+            }
+            let (root, part) = (&self.scene.document.root, &self.scene.parts[baked.part]);
+            for (name, element) in attributes.iter().filter(|(name, _)| *name != lightmap) {
+                let read = root.attribute(part.mesh, part.primitive, name);
+                edits.replaced.push((*element, self.remapped(element, read, name, baked, split)?));
             }
         }
         if !attributes.iter().any(|(name, _)| name == "TEXCOORD_0") {
@@ -198,14 +201,24 @@ impl<'a> Meshes<'a> {
         self.splits.len() - 1
     }
 
-    /// The accessor that has the elements of `source` in the order of the output vertices.
-    fn remapped(&mut self, source: usize, name: &str, baked: &Baked, split: usize) -> Result<usize, Error> {
-        if let Some(&done) = self.attributes.get(&(split, source)) {
+    /// The accessor that has the elements of `read` in the order of the output vertices; `source` names the accessor whose
+    /// further members it gets.
+    fn remapped(
+        &mut self,
+        source: &Element<'_>,
+        read: Option<usize>,
+        name: &str,
+        baked: &Baked,
+        split: usize,
+    ) -> Result<usize, Error> {
+        let read = read.ok_or_else(|| self.missing(baked, name))?;
+        if let Some(&done) = self.attributes.get(&(split, read)) {
             return Ok(done);
         }
         let picked = self.splits[split].source_vertex;
-        let old = self.elements.accessors.get(source).ok_or_else(|| self.missing(baked, name))?;
-        let mut data = self.scene.document.accessor(source)?;
+        let old = source.index().and_then(|source| self.elements.accessors.get(source));
+        let old = old.ok_or_else(|| self.missing(baked, name))?;
+        let mut data = self.scene.document.accessor(read)?;
         if let Some(origins) = self.splits[split].origins {
             data = extended(&data, name, origins).ok_or_else(|| self.missing(baked, name))?;
         }
@@ -214,7 +227,7 @@ impl<'a> Meshes<'a> {
             return Err(self.missing(baked, name));
         }
         let new = self.append.rewritten(old, name, &data, picked);
-        self.attributes.insert((split, source), new);
+        self.attributes.insert((split, read), new);
         Ok(new)
     }
 

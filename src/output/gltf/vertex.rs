@@ -264,9 +264,9 @@ impl Writer<'_> {
             let message = format!("{}, primitive {}: no usable accessor for {name}", part.name, part.primitive);
             Error::invalid(&self.scene.document.path, message)
         };
-        let source = element.index().ok_or_else(missing)?;
-        let old = self.elements.accessors.get(source).ok_or_else(missing)?;
-        let data = self.scene.document.accessor(source)?;
+        let old = element.index().and_then(|source| self.elements.accessors.get(source)).ok_or_else(missing)?;
+        let document = &self.scene.document;
+        let data = document.accessor(document.root.attribute(part.mesh, part.primitive, name).ok_or_else(missing)?)?;
         let data = extended(&data, name, &self.light.parts[p].origins).ok_or_else(missing)?;
         let all: Vec<u32> = (0..data.count as u32).collect();
         Ok(self.append.rewritten(old, name, &data, &all))
