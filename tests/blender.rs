@@ -256,6 +256,32 @@ fn glass_and_specular_glossiness_are_known() {
     }
 }
 
+/// Meshes may have all the UV maps that Blender knows, the lightmap's among them.
+#[test]
+#[ignore = "slow: Cycles on the CPU, seconds"]
+fn verify_needs_the_texture_coordinates_that_are_read_alone() {
+    let out = folder("verify_uv_sets");
+    let (input, gltf) = (out.join("in.gltf"), out.join("sets.gltf"));
+    let mut b = glasshouse();
+    for mesh in b.json["meshes"].as_array_mut().unwrap() {
+        let attributes = mesh["primitives"][0]["attributes"].as_object_mut().unwrap();
+        let uv = attributes["TEXCOORD_0"].clone();
+        attributes.extend((1..8).map(|set| (format!("TEXCOORD_{set}"), uv.clone())));
+    }
+    b.set("/materials/0/extensions/KHR_materials_pbrSpecularGlossiness/diffuseTexture/texCoord", json!(7));
+    fs::write(&input, b.gltf()).unwrap();
+    let options = ["--texels-per-meter", "16", "--sky", "0.3,0.4,0.5", "--preset", "production", "-q"];
+    let output = texelwalk(&[&["bake", text(&input), "-o", text(&gltf)][..], &options].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    verify(&[text(&gltf), "--mean", "0.004", "--fail", "0.015", "--object", "0.01"], 0, &["they agree"]);
+
+    let mut document: Value = serde_json::from_slice(&fs::read(&gltf).unwrap()).unwrap();
+    let reading = |set: usize| json!({"emissiveTexture": {"index": 0, "texCoord": set}});
+    document["materials"].as_array_mut().unwrap().extend((0..8).map(reading));
+    fs::write(&gltf, document.to_string()).unwrap();
+    verify(&[text(&gltf)], 3, &["textures read 8 sets of texture coordinates", "8 UV maps"]);
+}
+
 /// What differs between two pictures of one camera: means by more than 2 %, or a pixel in 20 by more than 3 %.
 fn unlike(ours: &Page, theirs: &Page) -> Vec<String> {
     let rgb = |page: &Page| -> Vec<[f32; 3]> { page.iter().flatten().map(|p| [p.0, p.1, p.2]).collect() };

@@ -21,7 +21,7 @@ every primitive has a material. Animated pointers are dropped from the copy: Ble
 With `--render` alone textures are filtered as glTF wants it; else they are the importer's images, which Cycles filters
 before it decodes them (EEVEE does not), so edges in textures are a little darker there.
 
-Limits: Blender stores vertex colours in 8 bits, clamped to 1.
+Limits: Blender stores vertex colours in 8 bits, clamped to 1. It has 8 UV maps a mesh: what reads TEXCOORD_8 is an error.
 """
 
 import argparse
@@ -44,7 +44,7 @@ except ImportError:
     environment.enter()
 
 from gltf_file import GltfError, GltfFile, index, rewritten  # noqa: E402 (Blender comes first)
-from gltf_nodes import UNLIT  # noqa: E402
+from gltf_nodes import MOST_UV_MAPS, UNLIT  # noqa: E402
 from gltf_optics import OpticNodes, Optics  # noqa: E402
 
 NUMBER = "texelwalk_material"
@@ -99,8 +99,13 @@ class ViewNodes(OpticNodes):
     """Nodes that show what was baked; `imported_images` of the importer are used again, None = exact copies instead."""
 
     def __init__(self, gltf, folder, pages, attribute, imported_images):
-        super().__init__(gltf, folder, lambda n: f"UVMap.{n:03d}" if n else "UVMap")
+        super().__init__(gltf, folder, self.imported_uv_map)
         self.pages, self.attribute, self.imported = pages, attribute, imported_images
+
+    def imported_uv_map(self, n):
+        if n >= MOST_UV_MAPS:
+            raise GltfError(f"{self.gltf.path}: a texture or lightmap reads TEXCOORD_{n}, but a mesh in Blender has {MOST_UV_MAPS} UV maps")
+        return f"UVMap.{n:03d}" if n else "UVMap"
 
     def image(self, i, is_color):
         if (i, is_color) not in self.images:

@@ -9,6 +9,7 @@ importer's Principled BSDF has a specular lobe that a diffuse bake has not.
 * All objects are joined into one: Cycles bakes object by object and would build its hierarchy once for each.
 * Reflectance is at least 0.001: see LEAST_REFLECTANCE.
 * The back of a single-sided material is black and dark, as in texelwalk; Cycles alone would let it reflect.
+* Texture coordinates that neither a texture nor a lightmap reads are left out: a mesh in Blender has room for few.
 * Missing light intensities are written out first: the importer would use Blender's own default instead of 1.
 * Shadow rays leave a smooth surface where Blender's default offset has it (0.1), nearly as in texelwalk. Without it
   coarse smooth meshes get 1 % less; light from the sky still leaves the facets, and is up to 1 % less than ours.
@@ -29,8 +30,8 @@ import numpy
 
 import cycles_light
 from cycles_light import LIGHT_MARK, LIGHTS
-from gltf_file import GltfFile, index, rewritten
-from gltf_nodes import UNLIT
+from gltf_file import LIGHTMAP, GltfError, GltfFile, index, rewritten, texture_coordinates
+from gltf_nodes import MOST_UV_MAPS, UNLIT
 from gltf_optics import OpticNodes, is_translucent, swallows
 
 MARK = "texelwalk material "
@@ -40,8 +41,38 @@ LIGHTMAP_UV = "lightmap"
 LEAST_REFLECTANCE = 1e-3
 
 
-def prepared_copy(gltf, folder):
-    """A copy of the file for the importer: materials carry their index as name, light intensities are explicit."""
+@dataclass
+class UvSets:
+    """The n of each TEXCOORD_n that textures read, and of each that is imported, as Blender's UV maps in this order."""
+
+    read: list
+    imported: list
+
+
+def uv_sets(gltf):
+    """What the materials need; an error if that is more than a mesh in Blender has room for."""
+    materials = gltf.json.get("materials", [])
+    read = set().union(*(texture_coordinates(m) for m in materials))
+    lightmaps = [m["extensions"][LIGHTMAP] for m in materials if LIGHTMAP in m.get("extensions", {})]
+    imported = read | {index(lightmap.get("texCoord", 0)) for lightmap in lightmaps}
+    # All lightmaps have one map in common beside those of the textures.
+    if max(len(read) + 1, len(imported)) > MOST_UV_MAPS:
+        raise GltfError(f"{gltf.path}: textures read {len(read)} sets of texture coordinates; with the lightmap's that is "
+                        f"more than the {MOST_UV_MAPS} UV maps of a mesh in Blender")
+    return UvSets(sorted(read), sorted(imported))
+
+
+def keep_uv_sets(primitive, kept):
+    """Leaves TEXCOORD_n with n in `kept`, numbered by their places there."""
+    attributes = primitive["attributes"]
+    others = {name: accessor for name, accessor in attributes.items() if not name.startswith("TEXCOORD_")}
+    places = {f"TEXCOORD_{n}": f"TEXCOORD_{i}" for i, n in enumerate(kept)}
+    primitive["attributes"] = others | {places[name]: accessor for name, accessor in attributes.items() if name in places}
+
+
+def prepared_copy(gltf, folder, kept):
+    """A copy of the file for the importer: materials carry their index as name, light intensities are explicit, texture
+    coordinates are those in `kept`."""
     document = json.loads(gltf.text)
     keep_one_scene(document)
     # Time stands still; Blender 5.0 stumbles over animated material pointers besides.
@@ -57,6 +88,7 @@ def prepared_copy(gltf, folder):
     for mesh in document.get("meshes", []):
         for primitive in mesh["primitives"]:
             primitive.pop("extensions", None)
+            keep_uv_sets(primitive, kept)
     for buffer in document.get("buffers", []):
         if "uri" in buffer and not buffer["uri"].startswith("data:"):
             buffer["uri"] = os.path.relpath(gltf.path.parent, folder).replace("\\", "/") + "/" + buffer["uri"]
@@ -100,7 +132,7 @@ class Materials(OpticNodes):
 
     def lightmap(self, i):
         """MOZ_lightmap of glTF material `i`, or None."""
-        return self.gltf.json["materials"][i].get("extensions", {}).get("MOZ_lightmap") if i is not None else None
+        return self.gltf.json["materials"][i].get("extensions", {}).get(LIGHTMAP) if i is not None else None
 
     def double_sided(self, i):
         return i is not None and bool(self.gltf.json["materials"][i].get("doubleSided", False))
@@ -172,7 +204,7 @@ class Materials(OpticNodes):
         tree.nodes.active = node
 
 
-def join_all(materials):
+def join_all(materials, sets):
     """Every mesh object becomes part of one object in world space; the originals are removed."""
     parts, slots, slot_of = [], [], {}
     depsgraph = bpy.context.evaluated_depsgraph_get()
@@ -202,23 +234,24 @@ def join_all(materials):
         bpy.data.objects.remove(thing, do_unlink=True)
     sources = [source for source, _ in sorted(slot_of, key=slot_of.get)]
     for part in parts:
-        part["lightmap_uv"] = lightmap_coordinates(part, [materials.lightmap(s) for s in sources])
+        part["lightmap_uv"] = lightmap_coordinates(part, [materials.lightmap(s) for s in sources], sets)
     triangles = [len(part["polygon_material"]) for part in parts]
     owners = numpy.repeat(numpy.arange(len(parts)), triangles), [part["name"] for part in parts]
-    return assemble(parts, slots), sources, owners
+    return assemble(parts, slots, sets), sources, owners
 
 
-def lightmap_coordinates(part, lightmaps):
+def lightmap_coordinates(part, lightmaps, sets):
     """Per corner, the coordinates that MOZ_lightmap of the corner's material names."""
     result = numpy.zeros((len(part["corner_vertex"]), 2), numpy.float32)
     for slot in numpy.unique(part["slot"]):
         lightmap = lightmaps[slot]
         uv_set = index(lightmap.get("texCoord", 0)) if lightmap else None
         if uv_set is not None:
-            if uv_set >= len(part["uvs"]):
+            at = sets.imported.index(uv_set)
+            if at >= len(part["uvs"]):
                 raise ValueError(f"a primitive with a lightmap has no TEXCOORD_{uv_set}")
             here = numpy.repeat(part["slot"] == slot, 3)
-            result[here] = part["uvs"][uv_set][here]
+            result[here] = part["uvs"][at][here]
     return result
 
 
@@ -284,8 +317,8 @@ def corner_colors(mesh, corner_vertex):
     return colors[corner_vertex] if attribute.domain == "POINT" else colors
 
 
-def assemble(parts, slots):
-    """One mesh object from the arrays of many."""
+def assemble(parts, slots, sets):
+    """One mesh object from the arrays of many; its UV maps are those that textures read and the lightmaps'."""
     offsets = numpy.cumsum([0] + [len(p["vertices"]) for p in parts])
     corners = numpy.concatenate([p["corner_vertex"] + o for p, o in zip(parts, offsets)])
     count = len(corners) // 3
@@ -299,8 +332,10 @@ def assemble(parts, slots):
     for material in slots:
         mesh.materials.append(material)
     mesh.polygons.foreach_set("material_index", numpy.concatenate([p["slot"] for p in parts]).astype(numpy.int32))
-    for k in range(max(len(p["uvs"]) for p in parts)):
-        layer = mesh.uv_layers.new(name=f"UV{k}", do_init=False)
+    for k, uv_set in list(enumerate(sets.imported))[: max(len(p["uvs"]) for p in parts)]:
+        if uv_set not in sets.read:
+            continue
+        layer = mesh.uv_layers.new(name=f"UV{uv_set}", do_init=False)
         uv = [p["uvs"][k] if k < len(p["uvs"]) else numpy.zeros((len(p["corner_vertex"]), 2), numpy.float32) for p in parts]
         layer.uv.foreach_set("vector", numpy.concatenate(uv).ravel())
     layer = mesh.uv_layers.new(name=LIGHTMAP_UV, do_init=False)
@@ -323,10 +358,10 @@ def build(gltf_path, light, grid=1):
     """
     gltf = GltfFile(gltf_path)
     gltf.plain()
-    pages = gltf.lightmap_pages()
+    pages, sets = gltf.lightmap_pages(), uv_sets(gltf)
     bpy.ops.wm.read_factory_settings(use_empty=True)
     with tempfile.TemporaryDirectory() as folder:
-        copy = prepared_copy(gltf, folder)
+        copy = prepared_copy(gltf, folder, sets.imported)
         bpy.ops.import_scene.gltf(filepath=str(copy), export_import_convert_lighting_mode="COMPAT", merge_vertices=False, loglevel=40)
         images, result = {}, []
         for page in pages:
@@ -336,7 +371,7 @@ def build(gltf_path, light, grid=1):
         # Surfaces without a lightmap need a target too; nobody looks at it.
         images[None] = bpy.data.images.new("nowhere", 4, 4, float_buffer=True, is_data=True)
         materials = Materials(gltf, folder, images)
-        baked, sources, owners = join_all(materials)
+        baked, sources, owners = join_all(materials, sets)
     cycles_light.apply(gltf, light)
     swallowing = [m.get("name", f"material {i}") for i, m in enumerate(gltf.json.get("materials", [])) if swallows(m)]
     return Built(baked, result, *per_triangle(baked.data, materials, sources, pages), *owners, swallowing)

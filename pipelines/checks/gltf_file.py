@@ -14,6 +14,7 @@ import numpy
 
 MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 DRACO = "KHR_draco_mesh_compression"
+LIGHTMAP = "MOZ_lightmap"
 COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 # Columns of a matrix start at multiples of four bytes: (component size, type) → components per padded column.
 PADDED_COLUMNS = {(1, "MAT2"): (2, 4), (1, "MAT3"): (3, 4), (2, "MAT3"): (3, 4)}
@@ -209,6 +210,18 @@ class GltfFile:
             triangles = numpy.stack([order[i + 1], order[i + 2], numpy.full_like(i, order[0] if len(order) else 0)], axis=1)
         distinct = (triangles[:, 0] != triangles[:, 1]) & (triangles[:, 1] != triangles[:, 2]) & (triangles[:, 2] != triangles[:, 0])
         return triangles[distinct].reshape(-1)
+
+
+def texture_coordinates(value):
+    """Every texture coordinate set that a material reads, other than through MOZ_lightmap."""
+    found = set()
+    if isinstance(value, dict):
+        if "index" in value:
+            found.add(index(value.get("extensions", {}).get("KHR_texture_transform", {}).get("texCoord", value.get("texCoord", 0))))
+        for key, inner in value.items():
+            if key != LIGHTMAP:
+                found |= texture_coordinates(inner)
+    return found
 
 
 def rewritten(gltf, document, folder):

@@ -27,6 +27,8 @@ WRAP = {33071: "EXTEND", 33648: "MIRROR", 10497: "REPEAT"}
 TRANSFORM = "KHR_texture_transform"
 UNLIT = "KHR_materials_unlit"
 GLOSS = "KHR_materials_pbrSpecularGlossiness"
+# UV maps of a mesh in Blender; its importer leaves out further sets without a word.
+MOST_UV_MAPS = 8
 # Pixels of the largest image that is decoded first; 16 bytes each. A larger one has texels too small to matter.
 MOST_DECODED = 1 << 20
 

@@ -24,9 +24,8 @@ environment.enter()
 import numpy  # noqa: E402 (the environment comes first)
 
 import instances  # noqa: E402
-from gltf_file import DRACO, Compressed, GltfError, GltfFile, Number, index  # noqa: E402
+from gltf_file import DRACO, LIGHTMAP, Compressed, GltfError, GltfFile, Number, index, texture_coordinates  # noqa: E402
 
-LIGHTMAP = "MOZ_lightmap"
 # Arrays whose elements have rules of their own below.
 SPECIAL = ("asset", "extensionsUsed", "scenes", "nodes", "meshes", "materials", "accessors", "bufferViews", "buffers", "images")
 
@@ -310,18 +309,6 @@ def sorted_triangles(columns):
     count = len(corners) // 3
     rows = numpy.frombuffer(corners[: count * 3].tobytes(), f"S{3 * corners.shape[1]}", count)
     return numpy.sort(rows)
-
-
-def texture_coordinates(value):
-    """Every texture coordinate set that a material reads, other than through MOZ_lightmap."""
-    found = set()
-    if isinstance(value, dict):
-        if "index" in value:
-            found.add(index(value.get("extensions", {}).get("KHR_texture_transform", {}).get("texCoord", value.get("texCoord", 0))))
-        for key, inner in value.items():
-            if key != LIGHTMAP:
-                found |= texture_coordinates(inner)
-    return found
 
 
 def main():
