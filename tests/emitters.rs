@@ -107,3 +107,49 @@ fn what_alpha_leaves_of_a_surface_glows() {
     assert_eq!(with(Alpha::Mask(0.5), 0.4, &|_| [255; 4]), 0.0);
     assert!((with(Alpha::Opaque, 0.25, &|_| [255; 4]) - 1.0).abs() < 1e-3);
 }
+
+/// A square that looks up, under what glows down.
+fn below(side: f32, lamp: &[[Vec3; 3]]) -> Scene {
+    let mut all = square(Vec3::new(-0.5, 0.0, -0.5) * side, Vec3::Z * side, Vec3::X * side).to_vec();
+    all.extend(lamp);
+    let mut scene = support::scene_from_triangles(&all);
+    split(&mut scene, 2);
+    scene
+}
+
+/// Mean irradiance over π of what looks up, and the root mean square of the difference of its halves over it.
+fn seen_from_below(scene: &Scene, samples: u32) -> (f64, f64) {
+    let stage = Stage::new(scene, 20.0);
+    let up: Vec<usize> = (0..stage.patches.front).filter(|&i| stage.patches.normal[i].y > 0.9).collect();
+    let light = stage.direct_halves(samples, 1);
+    let mean = |f: &dyn Fn(usize) -> f64| up.iter().map(|&i| f(i)).fold(0.0, |a, b| a + b) / up.len() as f64;
+    let value = mean(&|i| f64::from((light.halves[0][i] + light.halves[1][i]).x * 0.5)) / core::f64::consts::PI;
+    let apart = mean(&|i| f64::from(light.halves[0][i].x - light.halves[1][i].x).powi(2)).sqrt();
+    (value, apart / core::f64::consts::PI / value)
+}
+
+/// A lamp of hundreds of faces that fills the view of a texel larger than them: choosing among the faces says little.
+#[test]
+fn lamps_that_fill_the_view_leave_little_noise() {
+    let at = |ring: u32, k: u32| {
+        let (sin, cos) = libm::sincosf((k % 24) as f32 * core::f32::consts::TAU / 24.0);
+        Vec3::new(cos, 0.0, sin) * (0.02 * ring as f32) + Vec3::Y * 0.001
+    };
+    let quad = |(r, k): (u32, u32)| {
+        let [a, b, c, d] = [at(r, k), at(r, k + 1), at(r + 1, k + 1), at(r + 1, k)];
+        [[a, c, b], [a, d, c]]
+    };
+    let lamp: Vec<[Vec3; 3]> = (0..10).flat_map(|r| (0..24).map(move |k| (r, k))).flat_map(quad).collect();
+    let (value, apart) = seen_from_below(&below(0.04, &lamp), 16);
+    assert!((value - 1.0).abs() < 5e-3 && apart < 0.02, "{value}, halves apart by {apart}");
+}
+
+/// A lamp over one half of the square gives half of what one over all of it gives: by symmetry, at any height.
+#[test]
+fn what_both_ways_find_adds_up() {
+    for height in [0.01, 0.04, 0.15] {
+        let lamp = square(Vec3::new(0.0, height, -4.0), Vec3::X * 4.0, Vec3::Z * 8.0);
+        let (value, _) = seen_from_below(&below(0.4, &lamp), 64);
+        assert!((value - 0.5).abs() < 2.5e-3, "{height}: {value}");
+    }
+}

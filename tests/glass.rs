@@ -178,6 +178,7 @@ fn every_kind_of_ray_sees_the_same_colour() {
         tracer,
         patches,
         radiance: [black.as_slice(), black.as_slice()],
+        left_out: None,
         tilts: &Tilts::default(),
         sky: Some(&sky),
         seed: 3,

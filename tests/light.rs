@@ -269,6 +269,7 @@ fn divided(scene: &Scene, rays: f32, told: f32) -> [f64; 3] {
         tracer: &stage.tracer,
         patches: p,
         radiance: [&black, &black],
+        left_out: None,
         tilts: &Tilts::default(),
         sky: Some(&sky),
         seed: 7,

@@ -182,6 +182,7 @@ fn gathered(scene: &Scene, texels_per_meter: f32, sky: bool) -> (Vec<f32>, Vec<V
         tracer: &stage.tracer,
         patches: &stage.patches,
         radiance: [&radiance, &radiance],
+        left_out: None,
         tilts: &Tilts::default(),
         sky: if sky { Some(&white) } else { None },
         seed: 3,

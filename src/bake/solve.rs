@@ -7,6 +7,8 @@
 //! Rays of the gather that leave the scene see the sky. What of it they find is taken from what shadow rays found (see
 //! `light::Direct::gathered`); the walk starts with all that shadow rays found, because it comes first.
 //!
+//! What very bright patches send on is left out of what rays of the gather read, and sampled like lamps (`light::glare`).
+//!
 //! Every pass has shadow rays and lines of its own, which are averaged with those before, weighted by their number. The
 //! gather goes on with its low-discrepancy points, reads the averages, and deals rays by the error of all it has.
 //! Passes with gathers of their own had an eighth more error for the same rays (two rooms, 0.25 and 0.4 of
@@ -18,6 +20,7 @@ use crate::base::random::mix;
 use crate::base::{LightVector, Progress, Rgb, color, parallel};
 use crate::finish::{self, Along};
 use crate::gather::{self, Gathered, Openness};
+use crate::light::glare::{Glare, Sent};
 use crate::light::{self, Emitters, shoot};
 use crate::output::report;
 use crate::patches::{PatchGraph, Patches, Shine, Tilts};
@@ -27,6 +30,9 @@ use crate::walk::{self, EmittedLines, Splat, Walk};
 use core::f32::consts::FRAC_1_PI;
 use core::ops::{Add, Mul, Sub};
 use glam::{Vec2, Vec3};
+
+/// Rays of the gather for each sample of glare.
+const GLARE_RAYS: u32 = 2;
 
 /// What all passes have in common.
 pub(super) struct Setup<'a> {
@@ -80,11 +86,25 @@ pub(super) struct Solver<'a> {
     vectors: Vec<LightVector>,
     /// Irradiance by the walks, straight from the emitters and after reflections [lx].
     walked: [[Vec<Rgb>; 2]; 2],
+    /// Patches that are looked at like lamps, by what the first pass found; `None` before its gather.
+    glare: Option<Glare>,
+    /// Irradiance of the front patches by them [lx]; empty if there are none.
+    glared: [Vec<Rgb>; 2],
     gathered: Gathered,
-    /// Samples and lines so far.
-    spent: [f64; 2],
+    /// Samples, lines and samples of glare so far.
+    spent: [f64; 3],
     pub(super) power: report::Walk,
     pub(super) shadow_rays: u64,
+}
+
+/// What the patches send on.
+struct SentOn {
+    /// By half [cd/m²].
+    radiance: [Vec<Rgb>; 2],
+    /// What falls on them [lx], mean of the channels.
+    light: Vec<f32>,
+    /// How that changes over each texel.
+    tilts: Tilts,
 }
 
 impl Halves {
@@ -166,12 +186,14 @@ impl<'a> Solver<'a> {
             slopes: [vec![], vec![]],
             vectors: vec![],
             walked: [black(), black()],
+            glare: None,
+            glared: [vec![], vec![]],
             gathered: if setup.settings.is_directional() {
                 Gathered::directional(patches)
             } else {
                 Gathered::new(patches)
             },
-            spent: [0.0; 2],
+            spent: [0.0; 3],
             power: report::Walk::default(),
             shadow_rays: 0,
         }
@@ -211,14 +233,20 @@ impl<'a> Solver<'a> {
         let power_in = [0, 1, 2].map(|c| parallel::sum(patches.len(), |i| f64::from(source(i)[c])));
         self.add_walks(found, (settings.direct == DirectMode::Gather).then_some(power_in), budget);
         if settings.gather > 0 {
-            let (radiance, tilts) = self.radiance(setup, &direct, clock)?;
+            let SentOn { radiance, light, tilts } = self.radiance(setup, &direct, clock)?;
             let radiance = [radiance[0].as_slice(), radiance[1].as_slice()];
             let rays = gather_rays(settings);
             let sky = |normal, direction| emitters.gathered_sky(tracer.scene(), normal, direction, rays);
             let sky: Option<&(dyn Fn(Vec3, Vec3) -> Rgb + Sync)> =
                 if rays > 0.0 && emitters.has_sky() { Some(&sky) } else { None };
-            let field = gather::Field { tracer, patches, radiance, tilts: &tilts, sky, seed };
+            let sent = Sent { tracer, patches, radiance, tilts: &tilts, seed };
+            let glare = self.look_for_glare(setup, budget, &sent, &light, clock)?;
+            let viewers = glare.viewers(&sent, emitters, GLARE_RAYS as f32);
+            let left_out = |front| viewers.left_out(front);
+            let left_out: Option<&(dyn Fn(usize) -> _ + Sync)> = if glare.is_empty() { None } else { Some(&left_out) };
+            let field = gather::Field { tracer, patches, radiance, left_out, tilts: &tilts, sky, seed };
             clock.timed("gather", |progress| self.gather(settings, budget, &field, graph, progress))?;
+            self.glare = Some(glare);
         }
         Ok(())
     }
@@ -255,13 +283,8 @@ impl<'a> Solver<'a> {
         Tilts::new(setup.patches, setup.graph, &Shine { all, direct, slopes: [a, b] })
     }
 
-    /// What each patch sends out by direct light and each half of the walks [cd/m²], and how it changes over the texel.
-    fn radiance(
-        &self,
-        setup: &Setup<'_>,
-        direct: &[Rgb],
-        clock: &mut Clock<'_>,
-    ) -> Result<([Vec<Rgb>; 2], Tilts), Stop> {
+    /// What the patches send on by direct light and each half of the walks.
+    fn radiance(&self, setup: &Setup<'_>, direct: &[Rgb], clock: &mut Clock<'_>) -> Result<SentOn, Stop> {
         let patches = setup.patches;
         let [straight, reflected] = &self.walked;
         // The sky's light is as noisy: few shadow rays look for what the gather finds.
@@ -280,7 +303,40 @@ impl<'a> Solver<'a> {
         let radiance = |h: usize| {
             parallel::map(patches.len(), |i| patches.scattered(i, |k| straight(h, k) + smooth[h][k]) * FRAC_1_PI)
         };
-        Ok(([radiance(0), radiance(1)], self.tilts(setup, &all, &known)))
+        let tilts = self.tilts(setup, &all, &known);
+        Ok(SentOn { radiance: [radiance(0), radiance(1)], light: all, tilts })
+    }
+
+    /// Light of patches that are as bright as lamps; which they are stays as the first pass found it, so that all passes
+    /// leave out the same.
+    fn look_for_glare(
+        &mut self,
+        setup: &Setup<'_>,
+        budget: &Budget,
+        sent: &Sent<'_>,
+        light: &[f32],
+        clock: &mut Clock<'_>,
+    ) -> Result<Glare, Stop> {
+        let glare = match self.glare.take() {
+            Some(glare) => glare,
+            None if setup.settings.bounces == Some(0) => Glare::default(),
+            None => {
+                let [a, b] = sent.radiance;
+                let both = parallel::map(a.len(), |i| (a[i] + b[i]) * 0.5);
+                Glare::new(setup.tracer, setup.patches, &both, light)
+            }
+        };
+        if !glare.is_empty() {
+            let more = budget.gather.div_ceil(2 * GLARE_RAYS);
+            let before = self.spent[2] as u32;
+            let (found, rays) = clock.timed("glare", |progress| {
+                glare.light(sent, self.emitters, before..before + more, GLARE_RAYS as f32, progress)
+            })?;
+            let share = grow(&mut self.spent[2], f64::from(more));
+            self.glared.iter_mut().zip(found).for_each(|(all, new)| merge(all, new, share));
+            self.shadow_rays += rays;
+        }
+        Ok(glare)
     }
 
     /// The last bounce. With sharing, two thirds of the rays go where the errors are largest after the first third.
@@ -325,7 +381,11 @@ impl<'a> Solver<'a> {
             sky: self.gathered.sky(),
             vectors: [self.vectors.iter().take(front).copied().collect(), self.gathered.vectors()],
             indirect: if setup.settings.gather > 0 {
-                self.gathered.halves()
+                let mut halves = self.gathered.halves();
+                for (half, glared) in halves.iter_mut().zip(&self.glared) {
+                    half.iter_mut().zip(glared).for_each(|(sum, own)| *sum += *own);
+                }
+                halves
             } else {
                 [0, 1].map(|h: usize| reflected[h][..front].to_vec())
             },

@@ -8,7 +8,7 @@
 //! the part of it that shadow rays leave to the gather: it comes for free, and where walls are bright, what rays find of
 //! sky and of walls balances. Starting points are spread over the exposed part of the texel.
 //!
-//! Directions and starting points are one Owen-scrambled low-discrepancy sequence per tile of [`TILE`] texels, dealt
+//! Directions and starting points are one Owen-scrambled low-discrepancy sequence per tile of 2¹⁶ texels, dealt
 //! out along its Z-order curve: the rays of a texel are well spread, and those of a block of texels together as well,
 //! so that neighbours err in opposite directions and sharing cancels it. Source: Ahmed and Wonka, "Screen-space
 //! blue-noise diffusion of Monte Carlo sampling error via hierarchical ordering of pixels", ACM TOG 39(6), 2020.
@@ -25,7 +25,8 @@
 //! Source: Reichert, "A Two-Pass Radiosity Method Driven by Lights and Viewer Position" (thesis, Cornell, 1992), for
 //! the final gather over a radiosity solution.
 //!
-//! Light vectors, where they are wanted, come from the same rays (`bent`); nothing else changes by them.
+//! Light vectors, where they are wanted, come from the same rays (`bent`); nothing else changes by them. What is left out
+//! of the light because it comes by other ways is in them.
 //!
 //! A shading normal that leans away from its triangle sends some rays below that. On a facet of a convex body they leave
 //! from the smooth surface that it stands for (`trace::Lift`). On others they are mirrored at the triangle and read
@@ -42,14 +43,12 @@ pub use openness::{Openness, RAYS, openness};
 use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, mix};
 use crate::base::{LightVector, Progress, Rgb, parallel, warp};
-use crate::patches::{PatchSurface, Patches, Tilts};
+use crate::patches::{PatchSurface, Patches, Sight, Tilts};
 use crate::trace::{Ray, Tracer};
 use bent::Bent;
 use core::f32::consts::PI;
 use glam::{Vec2, Vec3};
 
-/// Texels of a tile that share a sequence; the rest of its 2³² points are for rays.
-const TILE: u32 = 1 << 16;
 /// Rays of one half that a texel of a tile has points for.
 const MOST_RAYS: u32 = 1 << 16;
 /// Most rays that the second round gives a texel, as a multiple of the mean.
@@ -65,6 +64,8 @@ pub struct Field<'a> {
     pub patches: &'a Patches,
     /// What each patch sends out [cd/m²], one solution per half.
     pub radiance: [&'a [Rgb]; 2],
+    /// What of it is not to be read from a front patch, because it comes by other ways; `None` for nothing.
+    pub left_out: Option<&'a (dyn Fn(usize) -> LeftOut<'a> + Sync)>,
     /// How it changes over each texel.
     pub tilts: &'a Tilts,
     /// Radiance of the sky for a shading normal and a direction, as far as the gather is to add it [cd/m²].
@@ -72,6 +73,9 @@ pub struct Field<'a> {
     /// Chooses the random numbers.
     pub seed: u64,
 }
+
+/// Tells what share of the light of a patch that a ray has met is not to be read, below 1.
+pub type LeftOut<'a> = Box<dyn FnMut(&Sight) -> f32 + 'a>;
 
 /// Sums of rays per front patch.
 #[derive(Debug, Default, Clone)]
@@ -167,17 +171,17 @@ impl Field<'_> {
             return out;
         }
         let surface = PatchSurface::new(self.tracer, self.patches, patch);
-        let place = self.patches.curve_index(patch);
-        let tile = u64::from(self.patches.page(patch)) << 32 | u64::from(place / TILE);
+        let mut left_out = self.left_out.map(|of| of(patch));
+        let (tile, place) = self.patches.tile(patch);
         out.rays = (before.rays + rays).min(MOST_RAYS);
         for (half, radiance) in self.radiance.into_iter().enumerate() {
             let key = mix((Stage::Gather as u64) << 56 | (half as u64) << 52 | tile);
             let sequence = Sequence::new(mix(self.seed ^ key));
             for k in before.rays..out.rays {
-                let [u, v, x, y] = sequence.point((place % TILE) * MOST_RAYS + k);
+                let [u, v, x, y] = sequence.point(place * MOST_RAYS + k);
                 let aim = Aim::new(&surface, Vec2::new(u, v), Vec2::new(x, y));
-                let light = self.look(&aim, radiance, &mut out.sky);
-                out.sums[half] += light;
+                let (light, elsewhere) = self.look(&aim, radiance, left_out.as_mut(), &mut out.sky);
+                out.sums[half] += light * (1.0 - elsewhere);
                 if let Some(bent) = &mut bent {
                     bent.add(half, aim.normal, aim.drawn, light);
                 }
@@ -186,20 +190,31 @@ impl Field<'_> {
         out
     }
 
-    /// Radiance from where a ray goes; what comes from the sky is added to `sky` as well.
-    fn look(&self, aim: &Aim, radiance: &[Rgb], sky: &mut Rgb) -> Rgb {
-        let Some(origin) = aim.origin else { return Rgb::ZERO };
+    /// Radiance from where a ray goes, and the share of it that is left out; what comes from the sky is added to `sky`
+    /// as well.
+    fn look(&self, aim: &Aim, radiance: &[Rgb], left_out: Option<&mut LeftOut<'_>>, sky: &mut Rgb) -> (Rgb, f32) {
+        const NOTHING: (Rgb, f32) = (Rgb::ZERO, 0.0);
+        let Some(origin) = aim.origin else { return NOTHING };
         let Aim { direction, normal, open, .. } = *aim;
         let ray = Ray { origin, direction, t_max: f32::INFINITY };
         if let Some(hit) = self.tracer.closest_hit(&ray) {
-            let Some(seen) = self.patches.seen(&hit) else { return Rgb::ZERO };
+            let Some(seen) = self.patches.seen(&hit) else { return NOTHING };
             let tint = self.tracer.tint(&Ray { t_max: hit.t, ..ray });
-            return radiance[seen.patch] * self.tilts.of(seen.patch).at(seen.within) * tint;
+            let light = radiance[seen.patch] * self.tilts.of(seen.patch).at(seen.within) * tint;
+            let sight = || Sight {
+                patch: seen.patch,
+                position: origin,
+                normal,
+                direction,
+                distance: hit.t,
+                facing: self.tracer.scene().geometric_normal(hit.triangle).dot(direction).abs(),
+            };
+            return (light, left_out.filter(|_| open).map_or(0.0, |share| share(&sight())));
         }
         let infinity = self.sky.filter(|_| open);
         let light = infinity.map_or(Rgb::ZERO, |sky| sky(normal, direction) * self.tracer.tint(&ray));
         *sky += light;
-        light
+        (light, 0.0)
     }
 }
 

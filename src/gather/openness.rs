@@ -13,7 +13,7 @@
 //!
 //! Error of the share by [`RAYS`]: below 1/RAYS in the open, at most 0.5/√RAYS = 0.03 where half is open.
 
-use super::{Aim, TILE};
+use super::Aim;
 use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, mix};
 use crate::base::{Progress, parallel};
@@ -50,12 +50,11 @@ fn texel(tracer: &Tracer<'_>, patches: &Patches, distance: f32, seed: u64, patch
         return Openness::default();
     }
     let surface = PatchSurface::new(tracer, patches, patch);
-    let place = patches.curve_index(patch);
-    let tile = u64::from(patches.page(patch)) << 32 | u64::from(place / TILE);
+    let (tile, place) = patches.tile(patch);
     let sequence = Sequence::new(mix(seed ^ mix((Stage::Openness as u64) << 56 | tile)));
     let (mut open, mut counted, mut sum, mut normals) = (0u32, 0u32, Vec3::ZERO, Vec3::ZERO);
     for k in 0..RAYS {
-        let [u, v, x, y] = sequence.point((place % TILE) * RAYS + k);
+        let [u, v, x, y] = sequence.point(place * RAYS + k);
         let aim = Aim::new(&surface, Vec2::new(u, v), Vec2::new(x, y));
         normals += aim.normal;
         let Some(origin) = aim.origin else { continue };

@@ -23,7 +23,7 @@ use crate::trace::Tracer;
 use glam::Vec2;
 
 /// Fractional part of the golden ratio: its multiples spread the choice of emitter against the other dimensions.
-const GOLDEN: f64 = 0.618_033_988_749_894_9;
+pub(super) const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
 /// Direct light of all patches, fronts and backs.
 #[derive(Debug, Default)]

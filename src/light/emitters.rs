@@ -22,6 +22,9 @@ const FEW: usize = 16;
 /// Most lights that are looked at one by one; a bit each.
 pub(super) const MOST_HARD: usize = 64;
 
+/// Share of the light above which near surfaces are worth rays that look for them.
+const CLOSE: f32 = 1.0 / 16.0;
+
 /// The light sources of a scene.
 #[derive(Debug, Default)]
 pub struct Emitters {
@@ -163,7 +166,10 @@ impl Emitters {
 
     /// The nodes to choose from at a site.
     pub(super) fn cut(&self, site: &Site) -> Cut {
-        self.tree.cut(site, |k, site| self.estimate(k, site))
+        let mut cut = self.tree.cut(site, |k, site| self.estimate(k, site));
+        let solid = |k: u32| self.pieces.get(k as usize).is_some_and(|piece| piece.solid);
+        cut.is_close = !self.pieces.is_empty() && self.tree.near_share(&cut, solid) > CLOSE;
+        cut
     }
 
     /// Weighs what is near for one point of the texel.
@@ -175,6 +181,15 @@ impl Emitters {
     pub(super) fn pick(&self, cut: &Cut, point: &Site, pick: f64) -> Option<(Leaf<'_>, f32)> {
         let (k, probability) = self.tree.pick(cut, point, |k, site| self.estimate(k, site), pick)?;
         Some((self.leaf(k), probability))
+    }
+
+    /// The piece at a point of a triangle, and the probability that [`Emitters::pick`] chooses it; `None` where nothing glows.
+    pub(super) fn at(&self, cut: &Cut, point: &Site, triangle: u32, b: Vec2) -> Option<(&Piece, f32)> {
+        let first = self.pieces.partition_point(|p| p.triangle < triangle);
+        let own = self.pieces[first..].iter().take_while(|p| p.triangle == triangle);
+        let (k, _) = (first..).zip(own).max_by(|x, y| x.1.depth(b).total_cmp(&y.1.depth(b)))?;
+        let probability = self.tree.probability(cut, point, |k, site| self.estimate(k, site), k as u32);
+        Some((&self.pieces[k], probability))
     }
 
     /// Point, normal and flux for a line that leaves a surface, by flux in `pick`; the flux is that over its density.

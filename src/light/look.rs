@@ -3,6 +3,9 @@
 //! cos θ is taken with the shading normal, bent by a normal map if there is one. What is below the triangle itself is
 //! dark, unless the triangle is a facet of something smooth: then it is looked at over the smooth surface, and what is
 //! at a finite distance is seen from there (`trace::Lift`). Rays that find out whether that is free are not counted.
+//!
+//! Texels close to an emitter look for it in two ways, each with the share of the light that the balance heuristic gives it
+//! (Veach and Guibas, SIGGRAPH 1995, eq. 9): a direction to a chosen piece, and one by cosine, whatever it meets.
 
 use super::Emitters;
 use super::emitters::Leaf;
@@ -13,11 +16,17 @@ use super::punctual;
 use super::site::Site;
 use super::tree::Cut;
 use crate::base::light_vector::trusted;
-use crate::base::{LightVector, Rgb};
-use crate::patches::{PatchSurface, Patches, Spot, SurfacePoint};
+use crate::base::{Frame, LightVector, Rgb, warp};
+use crate::patches::{PatchSurface, Patches, Sight, Spot, SurfacePoint};
 use crate::scene::{Light, Scene};
 use crate::trace::{Ground, Lift, Ray, Tracer};
+use core::f32::consts::PI;
 use glam::{Vec2, Vec3};
+
+/// Share of a density per steradian in itself and that of a direction by cosine.
+fn balance(density: f32, cosine: f32) -> f32 {
+    density / (density + cosine / PI)
+}
 
 /// One place on a patch.
 #[derive(Clone, Copy)]
@@ -29,6 +38,13 @@ pub(super) struct Place {
     position: Vec3,
     normal: Vec3,
     geometric: Vec3,
+}
+
+impl Place {
+    /// The place as the choice among emitters sees it.
+    pub(super) fn site(&self) -> Site {
+        Site { position: self.position, normal: self.normal, radius: 0.0, flat: true }
+    }
 }
 
 /// What is looked at, and a count of the shadow rays.
@@ -159,21 +175,23 @@ impl<'a> Look<'a> {
         (self.lit(place, toward, seen.illuminance * unblocked * cosine, Rgb::ZERO), passing)
     }
 
-    /// What everything in the tree brings, from one choice.
+    /// What everything in the tree brings, from one choice and, close to it, one ray that looks for it.
     pub(super) fn finite(&mut self, place: &Place, cut: &mut Cut, pick: f64, u: Vec2) -> Lit {
-        let point = Site { position: place.position, normal: place.normal, radius: 0.0, flat: true };
+        let point = place.site();
         self.emitters.weigh(cut, &point);
-        match self.emitters.pick(cut, &point, pick) {
+        let chosen = match self.emitters.pick(cut, &point, pick) {
             Some((Leaf::Piece(piece), probability)) => {
                 let sampled = piece.sample(self.scene(), place.position, probability, u);
-                sampled.map_or(Lit::default(), |s| self.surface(place, piece, &s))
+                sampled.map_or(Lit::default(), |s| self.surface(place, piece, &s, cut.is_close && piece.solid))
             }
             Some((Leaf::Bulb(light), probability)) => self.light(place, light, u) / probability,
             None => Lit::default(),
-        }
+        };
+        if cut.is_close { chosen + self.around(place, cut, &point, u) } else { chosen }
     }
 
-    fn surface(&mut self, place: &Place, piece: &Piece, s: &Sampled) -> Lit {
+    /// What a point of a piece brings; `shared` with rays that look around.
+    fn surface(&mut self, place: &Place, piece: &Piece, s: &Sampled, shared: bool) -> Lit {
         if s.weighted.max_element() <= 0.0 {
             return Lit::default();
         }
@@ -185,7 +203,51 @@ impl<'a> Look<'a> {
         if unblocked == Rgb::ZERO {
             return Lit::default();
         }
-        self.lit(place, s.direction, s.weighted * unblocked * cosine, Rgb::ZERO)
+        let share = if shared { balance(s.density, cosine) } else { 1.0 };
+        self.lit(place, s.direction, s.weighted * unblocked * (cosine * share), Rgb::ZERO)
+    }
+
+    /// The share of a ray by cosine in the light of the emitters: where one fills much of the view, its pieces are hard
+    /// to choose well among.
+    fn around(&mut self, place: &Place, cut: &Cut, point: &Site, u: Vec2) -> Lit {
+        let square = Vec2::new(u.y, u.x + 0.5).fract();
+        let direction = Frame::from_normal(place.normal).to_world(warp::square_to_cosine_hemisphere(square));
+        let Some((cosine, origin)) = self.leave(place, direction) else { return Lit::default() };
+        self.rays += 1;
+        let ray = Ray { origin, direction, t_max: f32::INFINITY };
+        let Some(hit) = self.tracer.closest_hit(&ray) else { return Lit::default() };
+        let Some((piece, probability)) =
+            self.emitters.at(cut, point, hit.triangle, hit.b).filter(|(piece, _)| piece.solid)
+        else {
+            return Lit::default();
+        };
+        let (radiance, solid_angle) = piece.seen(self.scene(), place.position, direction, hit.b);
+        let share = 1.0 - balance(probability / solid_angle.max(f32::MIN_POSITIVE), cosine);
+        let tint = self.tracer.tint(&Ray { t_max: hit.t, ..ray });
+        self.lit(place, direction, radiance * tint * (PI * share), Rgb::ZERO)
+    }
+
+    /// A point of another patch, and the share of its light that arrives; `None` if nothing does.
+    pub(super) fn patch(
+        &mut self,
+        place: &Place,
+        patch: usize,
+        surface: &PatchSurface<'_>,
+        spot: &Spot,
+    ) -> Option<(Sight, Rgb)> {
+        let to = self.scene().position(spot.point.triangle, spot.point.b) - place.position;
+        let (direction, distance) = (to.normalize_or_zero(), to.length());
+        let facing = -direction.dot(surface.normal(spot));
+        if facing <= 0.0 {
+            return None;
+        }
+        let (_, origin) = self.leave(place, direction)?;
+        let target = surface.origin(spot, -direction);
+        self.rays += 1;
+        let unblocked = self.tracer.unblocked(&Ray { origin, direction: target - origin, t_max: 1.0 });
+        let Place { position, normal, .. } = *place;
+        let sight = Sight { patch, position, normal, direction, distance, facing };
+        (unblocked != Rgb::ZERO).then_some((sight, unblocked))
     }
 
     /// What sky and environment bring from one direction, for a gather with `rays` rays for each of these samples.

@@ -1,7 +1,7 @@
 //! Direct light: irradiance of every patch straight from lights, emissive surfaces and sky.
 //!
 //! Two ways: [`direct`] gathers it by shadow rays from every patch; [`shoot`] makes the lines that leave the emitters,
-//! for the walk to trace as in the paper.
+//! for the walk to trace as in the paper. [`glare`] looks in the same way for patches that are as bright as lamps.
 //!
 //! Units: sun E = I cos θ [lx]; point and spot E = I cos θ/d² [cd] with the window and cone of `KHR_lights_punctual`;
 //! surfaces and sky by radiance [cd/m²]. No hidden factor anywhere.
@@ -9,6 +9,7 @@
 mod allot;
 mod direct;
 mod emitters;
+pub mod glare;
 mod hard;
 mod infinity;
 mod lit;

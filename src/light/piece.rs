@@ -44,6 +44,8 @@ pub(super) struct Piece {
     /// The same, or a little in the dark: what it is chosen by.
     pub(super) radiance: Rgb,
     pub(super) two_sided: bool,
+    /// No ray passes it by chance, so one that looks around meets it where a shadow ray does.
+    pub(super) solid: bool,
     /// Its triangle, prepared for the ends of shadow rays.
     pub(super) ground: Ground,
 }
@@ -55,6 +57,8 @@ pub(super) struct Sampled {
     pub(super) b: Vec2,
     /// Radiance over probability density [cd/m² · sr].
     pub(super) weighted: Rgb,
+    /// Probability density [1/sr].
+    pub(super) density: f32,
 }
 
 /// The pieces of one triangle, appended to `out`.
@@ -134,6 +138,7 @@ impl Piece {
             mean,
             radiance: mean.max(scene.most_emission(triangle) * LEAST),
             two_sided: material.double_sided,
+            solid: material.alpha == Alpha::Opaque && material.transmission == 0.0,
             ground: Ground::new(scene.corners(triangle)),
         };
         (piece.area > 0.0 && piece.radiance.is_finite()).then_some(piece)
@@ -191,16 +196,45 @@ impl Piece {
     pub(super) fn sample(&self, scene: &Scene, position: Vec3, probability: f32, u: Vec2) -> Option<Sampled> {
         let (direction, at, solid_angle) = self.direction(position, u)?;
         let b = inside(self.b, at);
+        let radiance = self.toward(scene, direction, b);
+        let density = probability / solid_angle.max(f32::MIN_POSITIVE);
+        Some(Sampled { direction, b, weighted: radiance * (solid_angle / probability), density })
+    }
+
+    /// Radiance toward `position` from a point of its triangle, and 1/density of the unit direction there by
+    /// [`Piece::sample`] [sr].
+    pub(super) fn seen(&self, scene: &Scene, position: Vec3, direction: Vec3, b: Vec2) -> (Rgb, f32) {
+        let relative = self.corners.map(|c| c - position);
+        let solid_angle = spherical(relative).map_or_else(
+            || self.flat_angle(direction, scene.position(self.triangle, b).distance_squared(position)),
+            |s| s.solid_angle,
+        );
+        (self.toward(scene, direction, b), solid_angle)
+    }
+
+    /// Radiance from a point of its triangle to where a direction leads there from.
+    fn toward(&self, scene: &Scene, direction: Vec3, b: Vec2) -> Rgb {
         let lit = self.two_sided || self.normal.dot(direction) < 0.0;
-        let radiance = if lit { scene.emission(self.triangle, b) } else { Rgb::ZERO };
-        Some(Sampled { direction, b, weighted: radiance * (solid_angle / probability) })
+        if lit { scene.emission(self.triangle, b) } else { Rgb::ZERO }
+    }
+
+    /// How far inside the piece a point of its triangle lies: from 1/3 at its middle to negative numbers outside.
+    pub(super) fn depth(&self, b: Vec2) -> f32 {
+        let [e1, e2, e] = [self.b[1] - self.b[0], self.b[2] - self.b[0], b - self.b[0]];
+        let inverse = e1.perp_dot(e2).recip();
+        let (x, y) = (e.perp_dot(e2) * inverse, e1.perp_dot(e) * inverse);
+        x.min(y).min(1.0 - x - y)
+    }
+
+    /// Solid angle of the piece as if it were all at one distance and angle [sr].
+    fn flat_angle(&self, direction: Vec3, distance_squared: f32) -> f32 {
+        self.area * direction.dot(self.normal).abs() / distance_squared
     }
 
     /// Unit direction, weights of the point of the piece that it leads to, and 1/density [sr].
     fn direction(&self, position: Vec3, u: Vec2) -> Option<(Vec3, Vec2, f32)> {
         let relative = self.corners.map(|c| c - position);
-        let spherical = warp::SphericalTriangle::new(relative).filter(|s| s.solid_angle > SMALL);
-        if let Some(s) = spherical {
+        if let Some(s) = spherical(relative) {
             let direction = s.sample(u);
             return Some((direction, barycentric(relative, self.normal, direction)?, s.solid_angle));
         }
@@ -208,8 +242,13 @@ impl Piece {
         let to = relative[0] * (1.0 - b.x - b.y) + relative[1] * b.x + relative[2] * b.y;
         let distance_squared = to.length_squared();
         let direction = to.try_normalize()?;
-        Some((direction, b, self.area * direction.dot(self.normal).abs() / distance_squared))
+        Some((direction, b, self.flat_angle(direction, distance_squared)))
     }
+}
+
+/// The triangle as the origin sees it, unless it is too small for that.
+fn spherical(corners: [Vec3; 3]) -> Option<warp::SphericalTriangle> {
+    warp::SphericalTriangle::new(corners).filter(|s| s.solid_angle > SMALL)
 }
 
 /// Where a direction from the origin meets the plane of a triangle, clamped to the triangle.

@@ -8,6 +8,7 @@
 //! * the split is adaptive per texel, not per sample: the cut through the tree is found once, then all samples of the
 //!   texel choose from it. Its leaves have their exact estimate, so a scene with fewer leaves than [`MOST`] has the
 //!   exact choice. Only nodes that are near the texel are weighed, and gone down from, anew for every sample;
+//! * the probability of any leaf can be asked for, since rays that look around find lamps, too;
 //! * bounds are taken for the whole texel, so a probability of 0 is right for all its points;
 //! * no angle makes the importance less than [`FLOOR`] of its largest unless nothing can arrive.
 //!
@@ -35,7 +36,6 @@ const NEAR: f32 = 3.0;
 const MOST_NEAR: usize = 24;
 /// Candidate splits per axis, as in pbrt.
 const BUCKETS: usize = 12;
-
 /// Depth from which nodes are halved, so that no arrangement makes the recursion deep.
 const DEEP: u32 = 48;
 
@@ -71,6 +71,8 @@ struct Node {
 #[derive(Debug, Default)]
 pub(super) struct Tree {
     nodes: Vec<Node>,
+    /// Node of each leaf.
+    places: Vec<u32>,
 }
 
 /// Nodes that cover the leaves which matter to a texel, with their importance.
@@ -81,6 +83,8 @@ pub(super) struct Cut {
     sums: Vec<f32>,
     /// From here on come nodes so close that they look different from other points of the texel.
     near: usize,
+    /// Near ones bring a good part of the light, and rays that look around can meet them.
+    pub(super) is_close: bool,
     /// The texel that it was made for.
     site: Option<Site>,
 }
@@ -156,7 +160,7 @@ impl Node {
 
 impl Tree {
     pub(super) fn new(leaves: &[Bounds]) -> Self {
-        let mut tree = Self::default();
+        let mut tree = Self { nodes: vec![], places: vec![0; leaves.len()] };
         let mut order: Vec<u32> = (0..leaves.len() as u32).collect();
         if !order.is_empty() {
             tree.build(leaves, &mut order, 0);
@@ -171,6 +175,7 @@ impl Tree {
     fn build(&mut self, leaves: &[Bounds], order: &mut [u32], depth: u32) {
         let at = self.nodes.len();
         if let [leaf] = *order {
+            self.places[leaf as usize] = at as u32;
             self.nodes.push(Node::new(leaves[leaf as usize], leaf, true));
             return;
         }
@@ -238,6 +243,13 @@ impl Tree {
         cut
     }
 
+    /// Share of the whole that comes from near nodes, of leaves only those that count.
+    pub(super) fn near_share(&self, cut: &Cut, counts: impl Fn(u32) -> bool) -> f32 {
+        let counts = |node: u32| !self.nodes[node as usize].leaf || counts(self.nodes[node as usize].next);
+        let near = cut.nodes[cut.near..].iter().filter(|n| counts(n.0)).fold(0.0, |sum, n| sum + n.1);
+        near / cut.sums.last().copied().unwrap_or(1.0)
+    }
+
     /// Weighs the near nodes of a cut for one point of its texel.
     ///
     /// A lamp that touches one end of a texel would be chosen too rarely at this end by its weight for the whole texel.
@@ -271,12 +283,7 @@ impl Tree {
         let site = cut.site.as_ref().filter(|_| k < cut.near).unwrap_or(point);
         let mut node = cut.nodes[k].0;
         while !self.nodes[node as usize].leaf {
-            let children = [node + 1, self.nodes[node as usize].next];
-            let [a, b] = children.map(|c| f64::from(self.importance(c, site, &estimate)));
-            if a + b <= 0.0 {
-                return None;
-            }
-            let first = a / (a + b);
+            let (children, first) = self.choice(node, site, &estimate)?;
             if pick < first {
                 (node, pick, probability) = (children[0], pick / first, probability * first);
             } else {
@@ -284,6 +291,53 @@ impl Tree {
             }
         }
         (probability > 0.0).then_some((self.nodes[node as usize].next, probability as f32))
+    }
+
+    /// Children of a node that is no leaf, and the probability of the first; `None` where neither reaches the site.
+    fn choice(&self, node: u32, site: &Site, estimate: &impl Fn(u32, &Site) -> f32) -> Option<([u32; 2], f64)> {
+        let children = [node + 1, self.nodes[node as usize].next];
+        let [a, b] = children.map(|c| f64::from(self.importance(c, site, estimate)));
+        (a + b > 0.0).then(|| (children, a / (a + b)))
+    }
+
+    /// Importance of a leaf by its bounds alone.
+    pub(super) fn rough(&self, leaf: u32, site: &Site) -> f32 {
+        self.nodes[self.places[leaf as usize] as usize].importance(site)
+    }
+
+    /// The probability with which [`Tree::pick`] chooses a leaf; 0 where it never does.
+    pub(super) fn probability(&self, cut: &Cut, point: &Site, estimate: impl Fn(u32, &Site) -> f32, leaf: u32) -> f32 {
+        let total = cut.sums.last().map_or(0.0, |total| f64::from(*total));
+        // Weighed for one point, all near nodes may be nothing.
+        if total <= 0.0 {
+            return 0.0;
+        }
+        // Nodes stand before what is below them, so it is below the last one of a list that is not behind it.
+        let place = self.places[leaf as usize];
+        let last = |from: usize, to: usize| {
+            let k = from + cut.nodes[from..to].partition_point(|n| n.0 <= place);
+            (k > from).then(|| k - 1)
+        };
+        let candidates = [(last(0, cut.near), cut.site.as_ref()), (last(cut.near, cut.nodes.len()), Some(point))];
+        let below = candidates.into_iter().find_map(|(k, site)| {
+            let (k, site) = (k?, site?);
+            let low = if k == 0 { 0.0 } else { f64::from(cut.sums[k - 1]) };
+            let mut probability = (f64::from(cut.sums[k]) - low) / total;
+            let mut node = cut.nodes[k].0;
+            while node != place {
+                if self.nodes[node as usize].leaf {
+                    return None;
+                }
+                let (children, first) = self.choice(node, site, &estimate)?;
+                (node, probability) = if place < children[1] {
+                    (children[0], probability * first)
+                } else {
+                    (children[1], probability * (1.0 - first))
+                };
+            }
+            Some(probability as f32)
+        });
+        below.unwrap_or(0.0)
     }
 }
 
@@ -444,6 +498,8 @@ mod tests {
             if let Some((leaf, probability)) = tree.pick(&cut, &point, estimate, (f64::from(k) + 0.5) / f64::from(n)) {
                 seen[leaf as usize].0 += 1.0 / f64::from(n);
                 seen[leaf as usize].1 = f64::from(probability);
+                let asked = tree.probability(&cut, &point, estimate, leaf);
+                assert!((asked / probability - 1.0).abs() < 1e-5, "{asked}, drawn {probability}");
             }
         }
         seen
@@ -464,6 +520,20 @@ mod tests {
                 let largest = observe(&tree, &lights, &site, 20_000).iter().map(|s| s.1).fold(0.0, f64::max);
                 assert!(largest < 0.05 || off(1.02) > 1.01e-4, "a probability 2 % too high goes unnoticed");
             }
+        }
+    }
+
+    /// Also for points of a texel whose lamps, all of them close, are behind it there.
+    #[test]
+    fn no_probability_is_where_nothing_can_be_chosen() {
+        let lights = lights(300);
+        let tree = tree(&lights);
+        let estimate = |k: u32, site: &Site| punctual::estimate(&lights[k as usize], site);
+        for site in sites() {
+            let (wide, point) = (Site { radius: 30.0, ..site }, Site { radius: 0.0, ..site });
+            let mut cut = tree.cut(&wide, estimate);
+            tree.weigh(&mut cut, &point, |_, _| 0.0);
+            assert!((0..300).all(|leaf| tree.probability(&cut, &point, |_, _| 0.0, leaf) == 0.0));
         }
     }
 

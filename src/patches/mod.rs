@@ -23,6 +23,7 @@ mod place;
 mod pockets;
 mod readers;
 mod seams;
+mod sight;
 mod surface;
 mod texel;
 mod tilt;
@@ -31,6 +32,7 @@ mod turn;
 pub use graph::{COS_FACING, HEIGHTS, PatchGraph};
 pub use place::Seen;
 pub use readers::{Unlit, around};
+pub use sight::Sight;
 pub use surface::{PatchSurface, Spot};
 pub use tilt::{Shine, Tilt, Tilts};
 

@@ -10,6 +10,9 @@ use crate::scene::Scene;
 use crate::trace::Hit;
 use glam::{DVec2, Vec2};
 
+/// Texels of a tile that share a low-discrepancy sequence; the rest of its 2³² points are for rays.
+const TILE: u32 = 1 << 16;
+
 /// Where a ray meets a patch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Seen {
@@ -102,8 +105,7 @@ impl Patches {
 
     /// Position of a front patch's texel on the Z-order curve of its page: texels that are close to each other on the
     /// curve are close on the page.
-    #[must_use]
-    pub fn curve_index(&self, front: usize) -> u32 {
+    fn curve_index(&self, front: usize) -> u32 {
         let (x, y) = self.texel_xy(front);
         spread_bits(x) | spread_bits(y) << 1
     }
@@ -112,6 +114,14 @@ impl Patches {
     #[must_use]
     pub fn page(&self, front: usize) -> u32 {
         self.texel[front] / (self.page_size[0] * self.page_size[1])
+    }
+
+    /// The tile that a front patch's texel belongs to, along the Z-order curves of all pages, and its place there, below
+    /// 2¹⁶: texels of a tile share a low-discrepancy sequence that has as many points for each of them.
+    #[must_use]
+    pub fn tile(&self, front: usize) -> (u64, u32) {
+        let place = self.curve_index(front);
+        (u64::from(self.page(front)) << 32 | u64::from(place / TILE), place % TILE)
     }
 
     /// The polygon of fragment `f` (absolute index) within its texel, in texel coordinates.
