@@ -1,4 +1,5 @@
-//! Which side of double-sided surfaces is stored: the back of what faces a narrow dark gap, the front of all else.
+//! Which side of double-sided surfaces is stored: the back of what faces a narrow dark gap, a slit or the void, the front
+//! of all else.
 
 #![allow(clippy::unwrap_used, reason = "tests")]
 
@@ -66,4 +67,61 @@ fn a_small_box_with_a_lamp_in_it_keeps_its_inside() {
     let inside = lit(quads(), "point", Vec3::splat(0.15)).bake(&OPTIONS);
     assert_eq!(turned(&inside), 0);
     assert!(sum(&inside) > 1.0);
+}
+
+/// A room with a lamp in it, and nothing around.
+fn hall(inward: bool) -> Scene {
+    lit(shell([-1.5, 0.0, -1.5], [3.0, 2.4, 3.0], inward), "point", Vec3::new(0.2, 1.6, 0.1))
+}
+
+#[test]
+fn walls_that_face_the_void_are_stored_as_seen_from_the_room() {
+    let [inward, outward] = [true, false].map(|inward| hall(inward).bake(&OPTIONS));
+    assert_eq!(turned(&inward), 0);
+    assert_eq!(turned(&outward), 6, "{}", outward.report["warnings"]);
+    let ratio = sum(&outward) / sum(&inward);
+    assert!((ratio - 1.0).abs() < 0.03, "the page holds {ratio} of the light that it should");
+}
+
+#[test]
+fn walls_that_face_the_open_are_stored_as_seen_from_outside() {
+    let sky = hall(false).bake(&[&OPTIONS[..], &["--sky", "0.001"]].concat());
+    let sun = json!({"type": "directional", "intensity": 3.0});
+    let sun = hall(false).with(sun, Vec3::ZERO, Vec3::new(0.3, 0.8, 0.5)).bake(&OPTIONS);
+    assert_eq!([turned(&sky), turned(&sun)], [0, 0]);
+}
+
+#[test]
+fn the_dark_side_of_a_wall_between_rooms_stays_dark() {
+    let mut scene = hall(true);
+    let dark = shell([1.5, 0.0, -1.5], [3.0, 2.4, 3.0], true);
+    scene.quads.retain(|quad| quad.middle().x < 1.49);
+    scene.quads.extend(dark);
+    assert_eq!(turned(&scene.bake(&OPTIONS)), 0);
+}
+
+#[test]
+fn a_screen_with_a_lamp_behind_keeps_its_dark_front() {
+    let mut material = grey(0.5);
+    material["doubleSided"] = json!(true);
+    let screen = Quad::floor(-1.0, 2.0, material);
+    assert_eq!(turned(&lit(vec![screen], "point", Vec3::new(0.0, -1.0, 0.0)).bake(&OPTIONS)), 0);
+}
+
+#[test]
+fn a_tape_with_its_front_down_is_stored_as_seen_from_above() {
+    let page = |up: bool, density: &str| {
+        let mut scene = hall(true);
+        let mut material = grey(0.5);
+        material["doubleSided"] = json!(true);
+        let tape = Quad::new([-1.0, 0.015, 0.4], [2.0, 0.0, 0.0], [0.0, 0.0, 0.14], material);
+        scene.quads.push(tape.facing(if up { Vec3::Y } else { Vec3::NEG_Y }));
+        scene.bake(&["--preset", "preview", "--gather", "32", "--texels-per-meter", density])
+    };
+    for density in ["6", "16", "40"] {
+        let [up, down] = [true, false].map(|up| page(up, density));
+        assert_eq!([turned(&up), turned(&down)], [0, 1], "{density}: {}", down.report["warnings"]);
+        let ratio = sum(&down) / sum(&up);
+        assert!((ratio - 1.0).abs() < 0.03, "the page holds {ratio} of the light that it should");
+    }
 }

@@ -1,10 +1,12 @@
 //! Which side of double-sided surfaces the lightmap stores: the front, or the back where the front is never lit or seen.
 //!
 //! In: patches, and emitters of all groups. Out: patches with such charts turned, and a warning (`turned-side`) for each
-//! node that has some. Only charts whose front looks into a narrow gap come into question; what light both their sides get
-//! is found by a small bake without a gather, which costs nothing where there are none.
+//! node that has some. Only charts come into question whose front looks into a narrow gap, into a slit, or, where nothing
+//! shines from infinity, into the void; what light both their sides get is found by a small bake without a gather, which
+//! costs nothing where there are none.
 //!
-//! Limits: decided by chart. A gap that some light reaches, as a drawer that is ajar, keeps its front.
+//! Limits: decided by chart. A gap that some light reaches, as a drawer that is ajar, keeps its front. Walls with their
+//! fronts outward keep them under a sky or sun, and so do those that face a yard.
 
 use super::clock::{Clock, Stop};
 use super::groups;
@@ -12,13 +14,17 @@ use super::solve::{Budget, Setup, Solver};
 use crate::atlas::Atlas;
 use crate::base::random::mix;
 use crate::base::{Warning, color};
-use crate::patches::{PatchGraph, Patches};
+use crate::patches::{Before, PatchGraph, Patches};
+use crate::scene::{Light, Scene};
 use crate::settings::{Directional, Settings};
 use crate::trace::Tracer;
 use std::collections::BTreeMap;
 
-/// Light on the front over that on the back, below which a gap is dark.
+/// Light on the front over that on the back, below which a gap or the void is dark.
 const DARK: f64 = 0.05;
+/// The same for slits. Texels wider than a slit lend it light from around: 15 mm below tapes, texels of 17 cm hold up to
+/// a quarter of the light above.
+const DIM: f64 = 0.5;
 /// Part of the lines and shadow rays of the bake.
 const BUDGET: f64 = 0.25;
 /// Keeps the seed apart from those of the bake.
@@ -35,22 +41,39 @@ pub(super) fn turn(
     if patches.front_of.is_empty() {
         return Ok(vec![]);
     }
-    let narrow = clock.timed("sides", |progress| patches.narrow_charts(tracer, atlas, progress))?;
-    if narrow.is_empty() {
+    let mut averted = clock.timed("sides", |progress| patches.averted_charts(tracer, atlas, progress))?;
+    if shines_from_infinity(tracer.scene()) {
+        averted.retain(|(_, before)| *before != Before::Void);
+    }
+    if averted.is_empty() {
         return Ok(vec![]);
     }
     let lit = light(tracer, patches, settings, clock)?;
-    let mut sums: BTreeMap<u32, [f64; 2]> = narrow.into_iter().map(|chart| (chart, [0.0; 2])).collect();
+    let charts = dark(patches, &averted, &lit);
+    clock.timed("turn", |progress| patches.turn(tracer, charts, progress))?;
+    Ok(warnings(tracer, atlas, patches))
+}
+
+/// There is an outside to look from: what faces the open is lit, or rightly in the shade.
+fn shines_from_infinity(scene: &Scene) -> bool {
+    let far = |light: &Light| matches!(light, Light::Sun { .. });
+    !scene.sky.is_black() || scene.environment.is_some() || scene.lights.iter().any(far)
+}
+
+/// Of charts, those whose front gets little of the light that their back gets.
+fn dark(patches: &Patches, averted: &[(u32, Before)], lit: &[f32]) -> Vec<u32> {
+    let mut sums: BTreeMap<u32, [f64; 2]> = averted.iter().map(|&(chart, _)| (chart, [0.0; 2])).collect();
     for (k, &front) in patches.front_of.iter().enumerate() {
         let Some(sum) = sums.get_mut(&patches.chart(front as usize)) else { continue };
         for (sum, patch) in sum.iter_mut().zip([front as usize, patches.front + k]) {
             *sum += f64::from(lit[patch] * patches.exposed_area(patch));
         }
     }
-    sums.retain(|_, [front, back]| *front < DARK * *back);
-    let charts = sums.into_keys().collect();
-    clock.timed("turn", |progress| patches.turn(tracer, charts, progress))?;
-    Ok(warnings(tracer, atlas, patches))
+    let is_dark = |&&(chart, before): &&(u32, Before)| {
+        let most = if before == Before::Slit { DIM } else { DARK };
+        sums.get(&chart).is_some_and(|[front, back]| *front < most * *back)
+    };
+    averted.iter().filter(is_dark).map(|&(chart, _)| chart).collect()
 }
 
 /// Mean irradiance of all patches, roughly [lx].
@@ -76,8 +99,8 @@ fn warnings(tracer: &Tracer<'_>, atlas: &Atlas, patches: &Patches) -> Vec<Warnin
     }
     let warning = |(node, area)| {
         let what = format!(
-            "{:.1} cm² of double-sided surface face with their front into a dark gap; the lightmap stores their back; \
-             turn the faces round if that is not meant",
+            "{:.1} cm² of double-sided surface face with their front into a dark gap or the void; the lightmap stores their \
+             back; turn the faces round if that is not meant",
             1e4 * area
         );
         Warning::new("turned-side", what).at(scene.node_name(node))

@@ -35,6 +35,7 @@ pub use readers::{Unlit, around};
 pub use sight::Sight;
 pub use surface::{PatchSurface, Spot};
 pub use tilt::{Shine, Tilt, Tilts};
+pub use turn::Before;
 
 use crate::atlas::Atlas;
 use crate::base::{Progress, Rgb, parallel};
