@@ -185,6 +185,7 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     warnings.append(&mut solution.warnings);
     let light = solution.halves.irradiance();
     warnings.extend(dark::warning(&scene, &light));
+    warnings.extend(dark::undefined(&light));
     if !to_vertices {
         warnings.extend(thin::warnings(&tracer, &atlas, &patches, &light, settings.cut_contacts));
     }
