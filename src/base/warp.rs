@@ -77,7 +77,9 @@ pub struct SphericalTriangle {
     a: Vec3,
     b: Vec3,
     c: Vec3,
-    alpha: f32,
+    /// Of the angle α at corner a.
+    sin_alpha: f32,
+    cos_alpha: f32,
     cos_c: f32,
     /// Solid angle [sr].
     pub solid_angle: f32,
@@ -86,22 +88,34 @@ pub struct SphericalTriangle {
 impl SphericalTriangle {
     /// The triangle with these corners (relative to the point that sees it); `None` where its solid angle vanishes.
     #[must_use]
+    #[inline]
     pub fn new(corners: [Vec3; 3]) -> Option<Self> {
         let [a, b, c] = corners.map(Vec3::normalize_or_zero);
-        let (n_ab, n_bc, n_ca) =
-            (a.cross(b).try_normalize()?, b.cross(c).try_normalize()?, c.cross(a).try_normalize()?);
-        let alpha = angle_between(n_ab, -n_ca);
+        let (n_ab, n_ca) = (a.cross(b).try_normalize()?, c.cross(a).try_normalize()?);
         let solid_angle = solid_angle([a, b, c]);
-        let usable = solid_angle > 0.0 && solid_angle.is_finite() && n_bc.is_finite();
-        usable.then_some(Self { a, b, c, alpha, cos_c: a.dot(b), solid_angle })
+        let usable = solid_angle > 0.0 && solid_angle.is_finite();
+        // Sine and cosine are all that is needed of α, and the angle itself would cost more than they do.
+        usable.then(|| Self {
+            sin_alpha: n_ab.cross(n_ca).length(),
+            cos_alpha: -n_ab.dot(n_ca),
+            cos_c: a.dot(b),
+            a,
+            b,
+            c,
+            solid_angle,
+        })
     }
 
     /// Unit direction with uniform density 1/`solid_angle` within the triangle.
     #[must_use]
+    #[inline]
     pub fn sample(&self, u: Vec2) -> Vec3 {
-        let (sin_phi, cos_phi) = libm::sincosf(u.x * self.solid_angle - self.alpha);
-        let (sin_alpha, cos_alpha) = libm::sincosf(self.alpha);
-        let k1 = cos_phi - cos_alpha;
+        // φ is the angle of the part of the area that `u.x` asks for, less α; by half of it, small triangles keep their digits.
+        let (sin_half, cos_half) = libm::sincosf(0.5 * u.x * self.solid_angle);
+        let (sin, versine) = (2.0 * sin_half * cos_half, 2.0 * sin_half * sin_half);
+        let (sin_alpha, cos_alpha) = (self.sin_alpha, self.cos_alpha);
+        let k1 = sin * sin_alpha - versine * cos_alpha;
+        let (sin_phi, cos_phi) = (sin * cos_alpha - (1.0 - versine) * sin_alpha, k1 + cos_alpha);
         let k2 = sin_phi + sin_alpha * self.cos_c;
         let numerator = (k2 * cos_phi - k1 * sin_phi) * cos_alpha - k2;
         let denominator = (k2 * sin_phi + k1 * cos_phi) * sin_alpha;
@@ -121,14 +135,6 @@ impl SphericalTriangle {
 pub fn solid_angle([a, b, c]: [Vec3; 3]) -> f32 {
     let determinant = a.dot(b.cross(c)).abs();
     if determinant > 0.0 { 2.0 * libm::atan2f(determinant, 1.0 + a.dot(b) + b.dot(c) + c.dot(a)) } else { 0.0 }
-}
-
-fn angle_between(u: Vec3, v: Vec3) -> f32 {
-    if u.dot(v) < 0.0 {
-        PI - 2.0 * libm::asinf(((u + v).length() / 2.0).min(1.0))
-    } else {
-        2.0 * libm::asinf(((v - u).length() / 2.0).min(1.0))
-    }
 }
 
 #[cfg(test)]
@@ -169,6 +175,27 @@ mod tests {
         assert!((mean(200_000, |u| f64::from(t.sample(u).z)) - 0.5).abs() < 2e-3);
         assert!((mean(200_000, |u| f64::from(t.sample(u).x)) - 0.5).abs() < 2e-3);
         assert!(mean(10_000, |u| f64::from(u8::from(t.sample(u).min_element() < -1e-4))) == 0.0);
+    }
+
+    #[test]
+    fn small_triangles_are_sampled_evenly() {
+        // Right-angled, legs of 1 at distance 50, 2e-4 sr; E[x] = 1/3, E[x²] = 1/6, E[xy] = 1/12.
+        let t =
+            SphericalTriangle::new([Vec3::new(0.0, 0.0, 50.0), Vec3::new(1.0, 0.0, 50.0), Vec3::new(0.0, 1.0, 50.0)]);
+        let t = t.unwrap();
+        let at = |u: Vec2| {
+            let d = t.sample(u);
+            [f64::from(d.x / d.z) * 50.0, f64::from(d.y / d.z) * 50.0]
+        };
+        let n = 200_000;
+        for (expected, moment) in [
+            (1.0 / 3.0, mean(n, |u| at(u)[0])),
+            (1.0 / 3.0, mean(n, |u| at(u)[1])),
+            (1.0 / 6.0, mean(n, |u| at(u)[0].powi(2))),
+            (1.0 / 12.0, mean(n, |u| at(u)[0] * at(u)[1])),
+        ] {
+            assert!((moment - expected).abs() < 2e-3, "{moment}, should be {expected}");
+        }
     }
 
     #[test]

@@ -170,7 +170,7 @@ impl Field<'_> {
         if self.patches.exposed[patch] <= 0.0 || rays == 0 {
             return out;
         }
-        let surface = PatchSurface::new(self.tracer, self.patches, patch);
+        let surface = PatchSurface::shaded(self.tracer, self.patches, patch);
         let mut left_out = self.left_out.map(|of| of(patch));
         let (tile, place) = self.patches.tile(patch);
         out.rays = (before.rays + rays).min(MOST_RAYS);

@@ -49,7 +49,7 @@ fn texel(tracer: &Tracer<'_>, patches: &Patches, distance: f32, seed: u64, patch
     if patches.exposed[patch] <= 0.0 {
         return Openness::default();
     }
-    let surface = PatchSurface::new(tracer, patches, patch);
+    let surface = PatchSurface::shaded(tracer, patches, patch);
     let (tile, place) = patches.tile(patch);
     let sequence = Sequence::new(mix(seed ^ mix((Stage::Openness as u64) << 56 | tile)));
     let (mut open, mut counted, mut sum, mut normals) = (0u32, 0u32, Vec3::ZERO, Vec3::ZERO);

@@ -69,7 +69,7 @@ impl<'a> Look<'a> {
     }
 
     pub(super) fn patch_surface(&self, patch: usize) -> PatchSurface<'a> {
-        PatchSurface::new(self.tracer, self.patches, patch)
+        PatchSurface::shaded(self.tracer, self.patches, patch)
     }
 
     fn scene(&self) -> &'a Scene {

@@ -28,6 +28,8 @@ pub(super) const FLOOR: f32 = 0.05;
 const NEAR: f32 = 16.0;
 /// Solid angle below which a piece is sampled by area: single precision loses its spherical form there [sr].
 const SMALL: f32 = 1e-4;
+/// Distance in radii of a piece from which it is sampled by area, too: it looks alike from one end to the other.
+const FAR: f32 = 8.0;
 
 /// A part of an emissive triangle, or all of it.
 #[derive(Debug, Clone, Copy)]
@@ -39,6 +41,8 @@ pub(super) struct Piece {
     pub(super) centroid: Vec3,
     pub(super) normal: Vec3,
     pub(super) area: f32,
+    /// Squared distance from which it is sampled by area [m²].
+    far: f32,
     /// Mean emission [cd/m²].
     mean: Rgb,
     /// The same, or a little in the dark: what it is chosen by.
@@ -128,13 +132,16 @@ impl Piece {
         let corners = b.map(|b| scene.position(triangle, b));
         let area = (corners[1] - corners[0]).as_dvec3().cross((corners[2] - corners[0]).as_dvec3()).length() * 0.5;
         let material = scene.material(triangle);
+        let centroid = (corners[0] + corners[1] + corners[2]) / 3.0;
+        let radius_squared = corners.map(|c| c.distance_squared(centroid)).into_iter().fold(0.0, f32::max);
         let piece = Self {
             triangle,
             b,
             corners,
-            centroid: (corners[0] + corners[1] + corners[2]) / 3.0,
+            centroid,
             normal: scene.geometric_normal(triangle),
             area: area as f32,
+            far: FAR * FAR * radius_squared,
             mean,
             radiance: mean.max(scene.most_emission(triangle) * LEAST),
             two_sided: material.double_sided,
@@ -204,8 +211,7 @@ impl Piece {
     /// Radiance toward `position` from a point of its triangle, and 1/density of the unit direction there by
     /// [`Piece::sample`] [sr].
     pub(super) fn seen(&self, scene: &Scene, position: Vec3, direction: Vec3, b: Vec2) -> (Rgb, f32) {
-        let relative = self.corners.map(|c| c - position);
-        let solid_angle = spherical(relative).map_or_else(
+        let solid_angle = self.spherical(position).map_or_else(
             || self.flat_angle(direction, scene.position(self.triangle, b).distance_squared(position)),
             |s| s.solid_angle,
         );
@@ -234,7 +240,7 @@ impl Piece {
     /// Unit direction, weights of the point of the piece that it leads to, and 1/density [sr].
     fn direction(&self, position: Vec3, u: Vec2) -> Option<(Vec3, Vec2, f32)> {
         let relative = self.corners.map(|c| c - position);
-        if let Some(s) = spherical(relative) {
+        if let Some(s) = self.spherical(position) {
             let direction = s.sample(u);
             return Some((direction, barycentric(relative, self.normal, direction)?, s.solid_angle));
         }
@@ -244,11 +250,15 @@ impl Piece {
         let direction = to.try_normalize()?;
         Some((direction, b, self.flat_angle(direction, distance_squared)))
     }
-}
 
-/// The triangle as the origin sees it, unless it is too small for that.
-fn spherical(corners: [Vec3; 3]) -> Option<warp::SphericalTriangle> {
-    warp::SphericalTriangle::new(corners).filter(|s| s.solid_angle > SMALL)
+    /// The triangle as a point sees it, unless it is too small or too far away for that.
+    #[inline]
+    fn spherical(&self, position: Vec3) -> Option<warp::SphericalTriangle> {
+        if self.centroid.distance_squared(position) > self.far {
+            return None;
+        }
+        warp::SphericalTriangle::new(self.corners.map(|c| c - position)).filter(|s| s.solid_angle > SMALL)
+    }
 }
 
 /// Where a direction from the origin meets the plane of a triangle, clamped to the triangle.

@@ -61,8 +61,10 @@ struct Fragment {
     lift: Option<Lift>,
     /// Geometric normal on the patch's side.
     normal: Vec3,
-    /// Around that normal; `None` where the surface is shaded smoothly or has a normal map.
-    frame: Option<Frame>,
+    /// Around that normal.
+    frame: Frame,
+    /// Around the normal that light falls on; `None` where that is not the same everywhere, or was not asked for.
+    shading: Option<Frame>,
 }
 
 /// From texel coordinates to the weights of a triangle's vertices 1 and 2.
@@ -121,13 +123,26 @@ impl<'a> PatchSurface<'a> {
                 ground,
                 lift: Lift::new(scene, triangle, normal),
                 normal,
-                frame: (scene.part(triangle).flat && !scene.has_relief(triangle)).then(|| Frame::from_normal(normal)),
+                frame: Frame::from_normal(normal),
+                shading: None,
             }
         };
         let fragments: Vec<_> = patches.fragments.range(front).map(fragment).collect();
         let covered = fragments.iter().map(|f| f.covered).fold(0.0, |a, b| a + b);
         let open = if patches.mask[patch] == u64::MAX { vec![] } else { open_cells(patches, patch) };
         Self { tracer, back, covered, fragments, open }
+    }
+
+    /// Prepares a patch for many looks at its shading normals.
+    #[must_use]
+    pub fn shaded(tracer: &'a Tracer<'a>, patches: &'a Patches, patch: usize) -> Self {
+        let mut surface = Self::new(tracer, patches, patch);
+        let back = surface.back;
+        for Fragment { triangle, ground, shading, .. } in &mut surface.fragments {
+            let normal = tracer.scene().even_normal(*triangle, ground.normal());
+            *shading = normal.map(|n| Frame::from_normal(if back { -n } else { n }));
+        }
+        surface
     }
 
     /// A point of the exposed part, uniform by area for uniform `u`.
@@ -206,15 +221,14 @@ impl<'a> PatchSurface<'a> {
     /// A frame around the geometric normal, on the patch's side.
     #[must_use]
     pub fn frame(&self, spot: &Spot) -> Frame {
-        let fragment = &self.fragments[spot.fragment];
-        fragment.frame.unwrap_or_else(|| Frame::from_normal(fragment.normal))
+        self.fragments[spot.fragment].frame
     }
 
     /// A frame around the normal that light falls on, on the patch's side.
     #[must_use]
     pub fn shading_frame(&self, spot: &Spot) -> Frame {
         let fragment = &self.fragments[spot.fragment];
-        fragment.frame.unwrap_or_else(|| {
+        fragment.shading.unwrap_or_else(|| {
             let SurfacePoint { triangle, b } = spot.point;
             let normal = self.tracer.scene().relief_normal_over(triangle, b, fragment.ground.normal());
             Frame::from_normal(if self.back { -normal } else { normal })

@@ -32,6 +32,17 @@ impl Scene {
         if bent.dot(geometric) > 0.0 { bent } else { normal }
     }
 
+    /// The normal of [`Scene::relief_normal_over`] where it is the same all over the triangle; most faces of exported boxes
+    /// and walls have one normal at all their corners.
+    #[must_use]
+    pub fn even_normal(&self, triangle: u32, geometric: Vec3) -> Option<Vec3> {
+        if self.has_relief(triangle) {
+            return None;
+        }
+        let [p, q, r] = if self.part(triangle).flat { [geometric; 3] } else { self.corner_normals(triangle) };
+        (p == q && q == r).then(|| self.shading_normal_over(triangle, Vec2::splat(1.0 / 3.0), geometric))
+    }
+
     fn bent(&self, map: &NormalMap, triangle: u32, b: Vec2, n: Vec3) -> Option<Vec3> {
         let uv = self.corner_uvs(triangle, &map.texture);
         let at = self.texture_uv(triangle, b, &map.texture);

@@ -83,6 +83,10 @@ impl Ground {
     fn inset(&self, b: Vec2) -> [f64; 3] {
         let b = b.as_dvec2();
         let [a, b, c] = [1.0 - b.x - b.y, b.x, b.y];
+        // Nearly all points, which add up to 1 as they are.
+        if a >= self.least[0] && b >= self.least[1] && c >= self.least[2] {
+            return [a, b, c];
+        }
         let inside = [a.max(self.least[0]), b.max(self.least[1]), c.max(self.least[2])];
         let sum = inside[0] + inside[1] + inside[2];
         inside.map(|w| w / sum)

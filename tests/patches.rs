@@ -1,0 +1,86 @@
+//! What holds for the patches and links of every scene, whatever its geometry.
+
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+#[path = "support/solve.rs"]
+mod solve;
+
+use glam::Vec2;
+use solve::{Stage, load};
+use std::collections::BTreeSet;
+use texelwalk::atlas::NO_CHART;
+use texelwalk::patches::PatchSurface;
+
+/// Boxes with normals of their own, smooth legs, textures, sheets with two sides, mirrored instances.
+const SCENES: [(&str, f32); 4] = [
+    ("office/office.glb", 6.0),
+    ("chairs/chairs.glb", 12.0),
+    ("fence/fence.gltf", 4.0),
+    ("primitives/primitives.gltf", 6.0),
+];
+
+#[test]
+fn areas_add_up_to_what_was_charted_and_no_texel_has_two_fronts() {
+    for (name, density) in SCENES {
+        let scene = load(name);
+        let stage = Stage::new(&scene, density);
+        let (p, atlas) = (&stage.patches, &stage.atlas);
+        let charted = |part: usize, t: usize| atlas.parts[part].chart(t) != NO_CHART;
+        let of_part = |part: usize| {
+            let own = &scene.parts[part];
+            (0..own.triangles.len())
+                .filter(|&t| charted(part, t))
+                .map(|t| scene.area(own.triangles.start + t as u32))
+                .fold(0.0, |a, b| a + b)
+        };
+        let expected = (0..scene.parts.len())
+            .filter(|&k| !atlas.parts[k].layout.triangles.is_empty())
+            .map(of_part)
+            .fold(0.0, |a, b| a + b);
+        let found = p.area[..p.front].iter().fold(0.0, |sum, &area| sum + f64::from(area));
+        assert!((found / expected - 1.0).abs() < 1e-4, "{name}: {found} of {expected} m²");
+        let texels: BTreeSet<u32> = p.texel.iter().copied().collect();
+        assert_eq!(texels.len(), p.front, "{name}");
+    }
+}
+
+#[test]
+fn links_are_mutual_and_join_like_with_like() {
+    for (name, density) in SCENES {
+        let scene = load(name);
+        let stage = Stage::new(&scene, density);
+        let p = &stage.patches;
+        let mut links = 0;
+        for i in 0..p.len() {
+            let around = stage.graph.neighbors(i);
+            assert!(around.len() <= 8 && around.is_sorted_by(|a, b| a < b), "{name}: {around:?}");
+            for &j in around {
+                let (k, j) = (i as u32, j as usize);
+                assert!(stage.graph.neighbors(j).contains(&k), "{name}: {i} and {j}");
+                assert_eq!(p.chart(p.front_patch(i)), p.chart(p.front_patch(j)), "{name}");
+                assert_eq!(p.is_back(i), p.is_back(j), "{name}");
+                links += 1;
+            }
+        }
+        assert!(links > p.len(), "{name}: {links} links of {} patches", p.len());
+    }
+}
+
+/// Shading normals that are found once for a triangle are those that are found for every point of it.
+#[test]
+fn normals_that_are_kept_are_those_of_every_point() {
+    for (name, density) in SCENES {
+        let scene = load(name);
+        let stage = Stage::new(&scene, density);
+        for i in 0..stage.patches.len() {
+            let [kept, anew] =
+                [PatchSurface::shaded, PatchSurface::new].map(|make| make(&stage.tracer, &stage.patches, i));
+            for k in 0..4 {
+                let u = Vec2::new((k as f32 + 0.5) / 4.0, (k as f32 * 0.618_034).fract());
+                let spot = kept.sample(u);
+                let [a, b] = [&kept, &anew].map(|surface| surface.shading_frame(&spot).n);
+                assert!(a.distance(b) < 1e-6, "{name}, patch {i}: {a}, at the point {b}");
+            }
+        }
+    }
+}
