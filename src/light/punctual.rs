@@ -8,9 +8,10 @@
 //! code, with its squared cone falloff). Lamps with a profile have its candela in the direction that the light takes,
 //! also where they are spheres.
 
+use super::cone;
 use super::piece::FLOOR;
 use super::site::Site;
-use super::tree::{self, Bounds};
+use super::tree::Bounds;
 use crate::base::color::luminance;
 use crate::base::{Frame, Rgb, warp};
 use crate::scene::Light;
@@ -132,7 +133,7 @@ pub(super) fn estimate(light: &Light, site: &Site) -> f32 {
     let toward = to / distance.max(f32::MIN_POSITIVE);
     // Beyond the cone for all of the site?
     let outside = |cos: f32, cos_outer: f32| {
-        distance > reach && tree::cos_of_difference(cos, (1.0 - (reach / distance).powi(2)).sqrt()) < cos_outer
+        distance > reach && cone::cos_of_difference(cos, (1.0 - (reach / distance).powi(2)).sqrt()) < cos_outer
     };
     let mut cone = 1.0;
     if let Light::Spot { direction, cos_inner, cos_outer, .. } = *light {

@@ -18,6 +18,7 @@
 //! Invariants: every leaf is in exactly one node of a cut, unless it cannot reach the site; probabilities of a cut's
 //! leaves add up to 1; the tree depends on the leaves alone.
 
+use super::cone;
 use super::piece::FLOOR;
 use super::site::Site;
 use core::cmp::Ordering;
@@ -62,6 +63,8 @@ struct Node {
     center: Vec3,
     /// Half the diagonal of the bounds [m].
     radius: f32,
+    /// Of the opening.
+    sin_o: f32,
     /// Second child (the first follows its parent), or the leaf's number.
     next: u32,
     leaf: bool,
@@ -127,7 +130,7 @@ impl Cut {
 impl Node {
     fn new(bounds: Bounds, next: u32, leaf: bool) -> Self {
         let radius = (bounds.high - bounds.low).length() * 0.5;
-        Self { center: bounds.center(), radius, bounds, next, leaf }
+        Self { center: bounds.center(), radius, sin_o: cone::sine(bounds.cos_o), bounds, next, leaf }
     }
 
     /// About the most illuminance that the leaves give to a site; 0 only where none of them gives any.
@@ -135,19 +138,21 @@ impl Node {
         let (bounds, radius) = (&self.bounds, self.radius + site.radius);
         let to = self.center - site.position;
         let distance_squared = to.length_squared();
-        if bounds.distance(site.position) - site.radius > bounds.range {
+        if bounds.range.is_finite() && bounds.distance(site.position) - site.radius > bounds.range {
             return 0.0;
         }
         let toward = to.normalize_or_zero();
         let sin_u_squared = radius * radius / distance_squared.max(f32::MIN_POSITIVE);
-        let cos_u = if sin_u_squared < 1.0 { (1.0 - sin_u_squared).sqrt() } else { -1.0 };
+        let u = if sin_u_squared < 1.0 { ((1.0 - sin_u_squared).sqrt(), sin_u_squared.sqrt()) } else { (-1.0, 0.0) };
         let facing = -bounds.axis.dot(toward);
         let cos_w = if bounds.two_sided { facing.abs() } else { facing };
-        let cos = cos_of_difference(cos_of_difference(cos_w, bounds.cos_o), cos_u);
+        let from_cone = cone::difference((cos_w, cone::sine(cos_w)), (bounds.cos_o, self.sin_o));
+        let cos = cone::difference(from_cone, u).0;
         if cos < bounds.cos_e {
             return 0.0;
         }
-        let mut elevation = cos_of_difference(toward.dot(site.normal), cos_u);
+        let cos_i = toward.dot(site.normal);
+        let mut elevation = cone::difference((cos_i, cone::sine(cos_i)), u).0;
         if site.flat && elevation <= 0.0 {
             return 0.0;
         }
@@ -343,7 +348,7 @@ impl Tree {
 
 impl Bounds {
     fn union(&self, other: &Self) -> Self {
-        let (axis, cos_o) = cone_union((self.axis, self.cos_o), (other.axis, other.cos_o));
+        let (axis, cos_o) = cone::union((self.axis, self.cos_o), (other.axis, other.cos_o));
         Self {
             low: self.low.min(other.low),
             high: self.high.max(other.high),
@@ -376,35 +381,6 @@ impl Bounds {
         // The diagonal keeps rows of lights, which have no surface, apart.
         self.power * omega * (2.0 * (d.x * d.y + d.y * d.z + d.z * d.x) + 0.01 * d.length_squared())
     }
-}
-
-/// cos max(0, x − y) of two angles in [0, π].
-pub(super) fn cos_of_difference(cos_x: f32, cos_y: f32) -> f32 {
-    if cos_x >= cos_y {
-        return 1.0;
-    }
-    let sin = |c: f32| (1.0 - c * c).max(0.0).sqrt();
-    cos_x * cos_y + sin(cos_x) * sin(cos_y)
-}
-
-/// The smallest cone around two cones (axis, cosine of the opening).
-fn cone_union(a: (Vec3, f32), b: (Vec3, f32)) -> (Vec3, f32) {
-    let (open_a, open_b) = (libm::acosf(a.1.clamp(-1.0, 1.0)), libm::acosf(b.1.clamp(-1.0, 1.0)));
-    let between = libm::acosf(a.0.dot(b.0).clamp(-1.0, 1.0));
-    if (between + open_b).min(PI) <= open_a {
-        return a;
-    }
-    if (between + open_a).min(PI) <= open_b {
-        return b;
-    }
-    // A little more than needed, against rounding.
-    let open = 0.5 * (open_a + between + open_b) + 1e-3;
-    let across = (b.0 - a.0 * a.0.dot(b.0)).normalize_or_zero();
-    if open >= PI || across == Vec3::ZERO {
-        return (a.0, -1.0);
-    }
-    let (sin, cos) = libm::sincosf(open - open_a);
-    ((a.0 * cos + across * sin).normalize_or_zero(), libm::cosf(open))
 }
 
 /// Orders the leaves for the cheapest of the candidate splits; how many go first. Half of them if none separates.
@@ -569,21 +545,6 @@ mod tests {
                 if seen.toward.dot(site.normal) > 0.0 {
                     assert!(punctual::estimate(light, site) > 0.0, "{light:?} from {site:?}");
                 }
-            }
-        }
-    }
-
-    #[test]
-    fn cones_hold_both() {
-        let mut s = Stream::new(4, Stage::Light, 0, 0);
-        for _ in 0..2000 {
-            let cone = |s: &mut Stream| (point(s, 1.0).normalize(), 1.0 - 2.0 * s.next_f32() * s.next_f32());
-            let (a, b) = (cone(&mut s), cone(&mut s));
-            let both = cone_union(a, b);
-            for (axis, cos) in [a, b] {
-                let own = libm::acosf(both.1) - libm::acosf(cos);
-                let between = libm::acosf(both.0.dot(axis).clamp(-1.0, 1.0));
-                assert!(between <= own + 2e-3 || both.1 <= -1.0, "{a:?} {b:?} {both:?}");
             }
         }
     }
