@@ -99,6 +99,22 @@ fn what_is_as_bright_as_what_it_sees_asks_for_nothing() {
 }
 
 #[test]
+fn lamps_that_add_little_noise_are_left_to_rays() {
+    let scene = furnished();
+    let stage = Stage::new(&scene, 8.0);
+    let radiance = radiance(&stage, 110.0);
+    let tilts = &Tilts::default();
+    let sent = Sent { tracer: &stage.tracer, patches: &stage.patches, radiance: [&radiance; 2], tilts, seed: 1 };
+    let glare = |light: f32| Glare::new(&stage.tracer, &stage.patches, &radiance, &vec![light; stage.patches.len()]);
+    let rays = |glare: &Glare| glare.light(&sent, &stage.emitters, 0..16, RAYS, &Progress::default()).1;
+    let (dim, bright) = (glare(0.1), glare(40.0));
+    assert!(!bright.is_empty() && 5 * rays(&bright) < rays(&dim), "{} of {}", rays(&bright), rays(&dim));
+    let (alone, _) = judged(&stage, &found(&stage, &radiance, None, 1024, RAYS));
+    let (both, _) = judged(&stage, &found(&stage, &radiance, Some(&bright), 1024, RAYS));
+    assert!((both / alone - 1.0).abs() < 2.5e-3, "{both}, {alone}");
+}
+
+#[test]
 fn the_same_bits_at_any_number_of_threads() {
     let scene = furnished();
     let stage = Stage::new(&scene, 8.0);

@@ -36,7 +36,7 @@ use crate::base::random::{Stage, Stream, mix};
 use crate::base::{Progress, Rgb, parallel};
 use crate::patches::{PatchSurface, Patches, Sight, Tilts};
 use crate::trace::Tracer;
-use core::f32::consts::FRAC_1_PI;
+use core::f32::consts::{FRAC_1_PI, PI};
 use core::ops::Range;
 use glam::{Vec2, Vec3};
 
@@ -44,6 +44,11 @@ use glam::{Vec2, Vec3};
 /// the brightest [`RARE`]. Smaller: light that rays find well enough is asked of few samples; larger: single rays show, of
 /// 128 each by a sixteenth.
 const CAP: f32 = 8.0;
+/// Variance that lamps give to a single ray, over the square of what it finds in the mean, from which on a texel looks for
+/// them: about that of a ray without them. It is at most the lamps' light × π × the radiance of the brightest over the
+/// squared light of the texel. In a room of 379,950 texels with small lamps 1.7 of the 3.9 s for glare are saved, of 37 s
+/// in all, with the same error; below a lampshade all texels are far above the limit.
+const NOISY: f32 = 1.0;
 /// Share of the area that may be lamps.
 const RARE: f64 = 0.05;
 /// Least area that a patch is thought to have, in texels: what a few lines of the walk say of a sliver is noise.
@@ -182,7 +187,10 @@ impl Glare {
             return None;
         }
         let cut = self.tree.cut(&look.site(front), |k, site| self.tree.rough(k, site));
-        (!cut.is_empty()).then_some(Viewer { glare: self, front, cut, rays })
+        // Texels darker than about the mean are judged as if they had it: noise in them is seen beside what is brighter.
+        let light = self.caps[front] / (CAP * FRAC_1_PI);
+        let spread = PI * self.brightest * cut.total() / (light * light);
+        (spread > NOISY).then_some(Viewer { glare: self, front, cut, rays })
     }
 
     /// The texels as places that rays leave from, so many for each sample.

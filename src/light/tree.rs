@@ -116,6 +116,11 @@ impl Cut {
         self.nodes.is_empty()
     }
 
+    /// Importance of all nodes together.
+    pub(super) fn total(&self) -> f32 {
+        self.sums.last().copied().unwrap_or(0.0)
+    }
+
     /// Sums anew from a node on.
     fn sum(&mut self, from: usize) {
         self.sums.truncate(from);
