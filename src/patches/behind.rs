@@ -12,7 +12,8 @@
 //! Limits: double-sided sheets have no side to prefer; a texel belongs to both sides of them.
 
 use super::Patches;
-use super::exposed::{LOW, Solids};
+use super::exposed::{LOW, rounding};
+use super::solids::Solids;
 use crate::base::Frame;
 use crate::scene::Scene;
 use crate::trace::{Closed, Ray};
@@ -23,19 +24,67 @@ const DIRECTIONS: u32 = 8;
 /// Length of rays along the surface, in texel edges: where a sheet cuts a texel from side to side, one of eight directions
 /// meets it within that from any point.
 const ACROSS: f32 = 1.1;
+/// Planes of sheets up to which they are looked at one by one.
+const MOST_PLANES: usize = 32;
 /// Distance beside the way from texel to texel at which a sheet must part them as well, in texel edges: a blade of grass
 /// does not.
 const BESIDE: f32 = 0.25;
 
-/// A point on the surface of a patch lies behind the back of a sheet that is close.
-pub(super) fn is_behind(patches: &Patches, solids: Solids<'_>, patch: usize, point: Vec3) -> bool {
-    let edge = patches.texel_edge(patch);
-    let frame = Frame::from_normal(patches.normal[patch]);
-    let origin = point + frame.n * (LOW * edge);
-    (0..DIRECTIONS).any(|k| {
-        let (sin, cos) = libm::sincosf(k as f32 * (core::f32::consts::TAU / DIRECTIONS as f32));
-        meets_back(solids, origin, (frame.s * cos + frame.t * sin) * (ACROSS * edge))
-    })
+/// The sheets that points of a texel may lie behind.
+pub(super) struct Sheets<'a> {
+    solids: Solids<'a>,
+    frame: Frame,
+    /// Of the texel [m].
+    edge: f32,
+    /// A corner and the normal of each; `None` for too many.
+    planes: Option<Vec<[Vec3; 2]>>,
+    /// Bound of rounding [m].
+    pad: f32,
+}
+
+impl<'a> Sheets<'a> {
+    /// What is close to a front patch. With the planes known, points before all of them, as beside most walls, need no rays.
+    pub(super) fn near(patches: &Patches, solids: Solids<'a>, patch: usize) -> Self {
+        let (tracer, edge) = (solids.tracer, patches.texel_edge(patch));
+        let scene = tracer.scene();
+        let frame = Frame::from_normal(patches.normal[patch]);
+        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        for f in patches.fragments.range(patch) {
+            let triangle = patches.fragments.triangle(patch, f);
+            let map = patches.map(triangle, patch);
+            for corner in patches.polygon(patch, f).corners() {
+                let corner = scene.position(triangle, map.weights(*corner)) + frame.n * (LOW * edge);
+                (low, high) = (low.min(corner), high.max(corner));
+            }
+        }
+        let pad = rounding(tracer);
+        let (middle, half) = ((low + high) * 0.5, (high - low) * 0.5);
+        let mut planes = vec![];
+        let reach = Vec3::splat(ACROSS * edge + pad);
+        let too_many = tracer.any_within(low - reach, high + reach, |t| {
+            let (corner, normal) = (scene.corners(t)[0], scene.geometric_normal(t));
+            let is_before = (middle - corner).dot(normal) > half.dot(normal.abs()) + pad;
+            if !is_before && is_sheet(scene, solids.closed, t) {
+                planes.push([corner, normal]);
+            }
+            planes.len() > MOST_PLANES
+        });
+        Self { solids, frame, edge, planes: (!too_many).then_some(planes), pad }
+    }
+
+    /// A point on the surface of the texel lies behind the back of one that is close.
+    pub(super) fn hide(&self, point: Vec3) -> bool {
+        let origin = point + self.frame.n * (LOW * self.edge);
+        let is_before = |[corner, normal]: &[Vec3; 2]| (origin - corner).dot(*normal) > self.pad;
+        if self.planes.as_ref().is_some_and(|planes| planes.iter().all(is_before)) {
+            return false;
+        }
+        (0..DIRECTIONS).any(|k| {
+            let (sin, cos) = libm::sincosf(k as f32 * (core::f32::consts::TAU / DIRECTIONS as f32));
+            let way = (self.frame.s * cos + self.frame.t * sin) * (ACROSS * self.edge);
+            meets_back(self.solids, origin, way)
+        })
+    }
 }
 
 /// From patch `i` one looks at the back of a sheet that parts it from its neighbour `j`.

@@ -5,29 +5,25 @@
 //! Source: the point lists per texel of O'Donnell ("Precomputed Global Illumination in Frostbite", GDC 2018), as a mask
 //! of 8 × 8 cells. Where we differ: cells are tested only where something stands near or over the texel's centre.
 //!
-//! A point is hidden when at least [`HIDDEN_HITS`] of [`PROBES`] rays over its hemisphere meet the back of single-sided
-//! surfaces, or more backs than fronts on their way out of the scene: it then lies in a solid. Sheets with one side hide
-//! only what lies behind them in texels that have a part before them ([`behind`](super::behind)); what double-sided ones
-//! hide is found later ([`pockets`](super::pockets)). A point of a single-sided surface is hidden too when another surface
-//! lies on it face to face, as the underside of a crate and the floor do.
+//! A point is hidden when it lies in a solid ([`solids`](super::solids)). Sheets with one side hide only what lies behind
+//! them in texels that have a part before them ([`behind`](super::behind)); what double-sided ones hide is found later
+//! ([`pockets`](super::pockets)). A point of a single-sided surface is hidden too when another surface lies on it face to
+//! face, as the underside of a crate and the floor do.
 //!
 //! Limits: a floor that is closed in by single-sided surfaces which all face away from it counts as hidden. In a texel
 //! with many triangles, what lies on one that is not looked at may be missed.
 
-use super::behind::{self, is_behind};
+use super::behind::{self, Sheets};
 use super::cells::{MASK_GRID, cell_index};
+use super::clear::Clear;
+use super::facing::Facing;
+use super::solids::{Solids, are_joined, is_inside, which_inside};
 use super::{Patches, SurfacePoint};
-use crate::base::{Frame, Progress, parallel, warp};
-use crate::scene::Material;
-use crate::trace::{Closed, Ground, Ray, Tracer};
-use glam::{DVec2, Vec2, Vec3};
+use crate::base::{Frame, Progress, parallel};
+use crate::scene::Scene;
+use crate::trace::{Ray, Tracer};
+use glam::{DVec2, Vec3};
 
-/// Rays per point. Fewer misjudge points near the mouth of a hollow.
-const PROBES: u32 = 8;
-/// Hits on backs that make a point hidden; one may go astray through a crack.
-const HIDDEN_HITS: u32 = 7;
-/// Rays that meet a back first in any solid, whatever goes through it; rays of so many must say that it is one.
-const LEAST_BACKS: u32 = 3;
 /// Height of the short rays that look for things standing on a texel, in texel edges: higher misses skirting boards,
 /// lower meets the surface itself where it is curved.
 pub(super) const LOW: f32 = 0.06;
@@ -73,6 +69,20 @@ struct Cell {
     position: Vec3,
 }
 
+impl Cell {
+    /// Adds surface at a position [m] that is open, and not behind a sheet; where it was not looked at, it is like what was.
+    fn add(&mut self, area: f32, position: Vec3, looks: Option<[bool; 2]>) {
+        let share = |part: f32| part / self.area.max(f32::MIN_POSITIVE);
+        let [open, before] =
+            looks.map_or([share(self.open), share(self.before)], |looks| looks.map(|yes| f32::from(u8::from(yes))));
+        self.points += 1;
+        self.area += area;
+        self.open += area * open;
+        self.before += area * before;
+        self.position += position * area;
+    }
+}
+
 /// What was found for one texel.
 #[derive(Default)]
 struct Found {
@@ -85,16 +95,11 @@ struct Found {
     position: Vec3,
 }
 
-/// The solids of a scene.
-#[derive(Clone, Copy)]
-pub(super) struct Solids<'a> {
-    pub(super) tracer: &'a Tracer<'a>,
-    pub(super) closed: &'a Closed,
-}
-
 /// Sets mask, exposed share and centroid of every patch. Which front patches a sheet may stand within or beside.
 pub(super) fn find(patches: &mut Patches, solids: Solids<'_>, progress: &Progress) -> Vec<bool> {
-    let found = parallel::map_watched(patches.front, progress, |i| texel(patches, solids, i));
+    let clear = Clear::find(patches, solids, progress);
+    let look = |i| if clear.has(patches, i) { Found::default() } else { texel(patches, solids, i) };
+    let found = parallel::map_watched(patches.front, progress, look);
     let walled = found.iter().map(|f| f.walled).collect();
     for (i, f) in found.into_iter().enumerate().filter(|(_, f)| f.partly) {
         let back = patches.back_of[i];
@@ -128,12 +133,12 @@ fn texel(patches: &Patches, solids: Solids<'_>, patch: usize) -> Found {
     let tracer = solids.tracer;
     let Some(center) = patches.middle(tracer, patch) else { return Found::default() };
     let about = About::new(patches, solids, patch);
-    let near = near(patches, tracer, patch, about);
-    if near != Near::Within && !is_hidden(solids, center, about) {
+    let near = near(patches, tracer, patch, &about);
+    if near != Near::Within && !is_hidden(solids, center, &about.facing) {
         return Found { walled: about.sheet && near == Near::Beside, ..Found::default() };
     }
     let walled = Found { walled: about.sheet, ..Found::default() };
-    let mut cells = cells(patches, solids, patch, about);
+    let mut cells = cells(patches, solids, patch, &about);
     if cells.iter().any(|cell| cell.before > 0.0) {
         cells.iter_mut().for_each(|cell| cell.open = cell.before);
     }
@@ -162,40 +167,38 @@ fn cells(
     patches: &Patches,
     solids: Solids<'_>,
     patch: usize,
-    about: About,
+    about: &About,
 ) -> [Cell; (MASK_GRID * MASK_GRID) as usize] {
     let mut cells = [Cell::default(); (MASK_GRID * MASK_GRID) as usize];
     let fragments = patches.fragments.range(patch);
     let most = if fragments.len() > MOST_LOOKS { CRUMPLED_POINTS } else { MOST_POINTS };
+    let height = LOW * patches.texel_edge(patch);
+    let sheets = about.sheet.then(|| Sheets::near(patches, solids, patch));
     for f in fragments {
-        patches.cell_centroids(patch, f, MASK_GRID, |point, centroid, area| {
-            let cell = &mut cells[cell_index(centroid, MASK_GRID)];
+        let mut points = vec![];
+        patches.cell_centroids(patch, f, MASK_GRID, |point, centroid, area| points.push((point, centroid, area)));
+        let index = |centroid| cell_index(centroid, MASK_GRID);
+        // A fragment has one point in a cell.
+        let looked_at: Vec<bool> = points.iter().map(|p| cells[index(p.1)].points < most).collect();
+        let sealed = about.facing.seal(solids.tracer, &points.iter().map(|p| p.0).collect::<Vec<_>>());
+        let asked: Vec<bool> = looked_at.iter().zip(sealed).map(|(looked, sealed)| *looked && !sealed).collect();
+        let asking: Vec<_> = points.iter().zip(&asked).filter(|(_, asked)| **asked).map(|(p, _)| (p.0, p.1)).collect();
+        let mut inside = which_inside(solids, &asking, height).into_iter();
+        for ((point, centroid, area), (looked, asked)) in points.into_iter().zip(looked_at.into_iter().zip(asked)) {
+            let open = asked && inside.next() == Some(false);
             let position = solids.tracer.scene().position(point.triangle, point.b);
-            let share = |part: f32| part / cell.area.max(f32::MIN_POSITIVE);
-            let (open, before) = if cell.points >= most {
-                (share(cell.open), share(cell.before))
-            } else {
-                let open = !is_hidden(solids, point, about);
-                let before = open && !(about.sheet && is_behind(patches, solids, patch, position));
-                (f32::from(u8::from(open)), f32::from(u8::from(before)))
-            };
-            cell.points += 1;
-            cell.area += area;
-            cell.open += area * open;
-            cell.before += area * before;
-            cell.position += position * area;
-        });
+            let before = open && !sheets.as_ref().is_some_and(|sheets| sheets.hide(position));
+            cells[index(centroid)].add(area, position, looked.then_some([open, before]));
+        }
     }
     cells
 }
 
 /// What lies about a texel.
-#[derive(Clone, Copy)]
 struct About {
     /// Something may stand within the texel or lie on it.
     any: bool,
-    /// Something may lie on it face to face.
-    faced: bool,
+    facing: Facing,
     /// A sheet may stand within the texel or beside it: a surface with one side that does not close.
     sheet: bool,
 }
@@ -204,37 +207,81 @@ impl About {
     /// One look into a box, which costs less than a dozen rays: where nothing but the texel's own plane is near, they need
     /// not be traced. Texels that are not flat are not looked at.
     fn new(patches: &Patches, Solids { tracer, closed }: Solids<'_>, patch: usize) -> Self {
-        let unknown = Self { any: true, faced: true, sheet: true };
-        let (scene, normal, position) = (tracer.scene(), patches.normal[patch], patches.position[patch]);
-        let edge = patches.texel_edge(patch);
-        let disc = (Vec3::ONE - normal * normal).max(Vec3::ZERO).map(f32::sqrt) * (REACH * edge);
-        let above = position + normal * (LOW * edge);
-        let (mut low, mut high) = (above - disc, above + disc);
-        for f in patches.fragments.range(patch) {
-            let triangle = patches.fragments.triangle(patch, f);
-            if scene.geometric_normal(triangle).dot(normal) < SAME_PLANE {
-                return unknown;
-            }
-            let map = patches.map(triangle, patch);
-            for corner in patches.polygon(patch, f).corners() {
-                let corner = scene.position(triangle, map.weights(*corner));
-                (low, high) = (low.min(corner), high.max(corner));
-            }
-        }
-        let (from, to) = tracer.bounds();
-        let pad = Vec3::splat(PAD * from.abs().max(to.abs()).max_element());
-        let (mut about, mut looks) = (Self { any: false, faced: false, sheet: false }, 0);
-        tracer.any_within(low - pad, high + pad, |t| {
+        let unknown = Self { any: true, facing: Facing::Anywhere, sheet: true };
+        let (scene, plane) = (tracer.scene(), Plane::of(patches, patch));
+        let Some((low, high)) = plane.around(patches, tracer, core::iter::once(patch)) else { return unknown };
+        let (mut about, mut looks) = (Self { any: false, facing: Facing::In(vec![]), sheet: false }, 0);
+        tracer.any_within(low, high, |t| {
             looks += 1;
-            let facing = scene.geometric_normal(t).dot(normal);
-            let off = scene.corners(t).map(|corner| (corner - position).dot(normal).abs());
-            let own = facing > SAME_PLANE && off.into_iter().fold(0.0, f32::max) < FLAT * edge;
+            let own = plane.holds(scene, t);
             about.any |= !own;
-            about.faced |= facing < FACING;
             about.sheet |= !own && behind::is_sheet(scene, closed, t);
-            looks == MOST_NEAR || about.any && about.faced && about.sheet
+            if scene.geometric_normal(t).dot(plane.normal) < FACING {
+                about.facing.add(scene.corners(t), rounding(tracer));
+            }
+            looks == MOST_NEAR || about.any && about.sheet && matches!(about.facing, Facing::Anywhere)
         });
         if looks == MOST_NEAR { unknown } else { about }
+    }
+}
+
+/// Bound of the rounding of positions in a scene [m].
+pub(super) fn rounding(tracer: &Tracer<'_>) -> f32 {
+    let (from, to) = tracer.bounds();
+    PAD * from.abs().max(to.abs()).max_element()
+}
+
+/// The plane of a texel.
+#[derive(Clone, Copy)]
+pub(super) struct Plane {
+    position: Vec3,
+    normal: Vec3,
+    /// Edge of the texel [m].
+    edge: f32,
+}
+
+impl Plane {
+    pub(super) fn of(patches: &Patches, patch: usize) -> Self {
+        let (position, normal) = (patches.position[patch], patches.normal[patch]);
+        Self { position, normal, edge: patches.texel_edge(patch) }
+    }
+
+    /// A triangle lies in it and faces the same way.
+    pub(super) fn holds(&self, scene: &Scene, triangle: u32) -> bool {
+        let off = scene.corners(triangle).map(|corner| (corner - self.position).dot(self.normal).abs());
+        scene.geometric_normal(triangle).dot(self.normal) > SAME_PLANE
+            && off.into_iter().fold(0.0, f32::max) < FLAT * self.edge
+    }
+
+    /// Lowest and highest coordinates [m] of what has to do with texels in it: their surface, and what stands on them or
+    /// close beside. `None` if one of them is not flat, or faces another way.
+    pub(super) fn around(
+        &self,
+        patches: &Patches,
+        tracer: &Tracer<'_>,
+        texels: impl Iterator<Item = usize>,
+    ) -> Option<(Vec3, Vec3)> {
+        let scene = tracer.scene();
+        let pad = Vec3::splat(rounding(tracer));
+        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        for patch in texels {
+            let (normal, edge) = (patches.normal[patch], patches.texel_edge(patch));
+            let disc = (Vec3::ONE - normal * normal).max(Vec3::ZERO).map(f32::sqrt) * (REACH * edge);
+            let above = patches.position[patch] + normal * (LOW * edge);
+            (low, high) = (low.min(above - disc), high.max(above + disc));
+            for f in patches.fragments.range(patch) {
+                let triangle = patches.fragments.triangle(patch, f);
+                if scene.geometric_normal(triangle).dot(self.normal) < SAME_PLANE {
+                    return None;
+                }
+                let map = patches.map(triangle, patch);
+                for corner in patches.polygon(patch, f).corners() {
+                    let corner = scene.position(triangle, map.weights(*corner));
+                    (low, high) = (low.min(corner), high.max(corner));
+                }
+            }
+        }
+        Some((low - pad, high + pad))
     }
 }
 
@@ -248,13 +295,15 @@ enum Near {
     Within,
 }
 
-fn near(patches: &Patches, tracer: &Tracer<'_>, patch: usize, about: About) -> Near {
+fn near(patches: &Patches, tracer: &Tracer<'_>, patch: usize, about: &About) -> Near {
     if !about.any {
         return Near::Nothing;
     }
     for f in some_of(patches, patch) {
         let mut sealed = false;
-        patches.cell_centroids(patch, f, 2, |point, _, _| sealed = sealed || is_sealed(tracer, point, about));
+        patches.cell_centroids(patch, f, 2, |point, _, _| {
+            sealed = sealed || about.facing.seals(tracer, point);
+        });
         if sealed {
             return Near::Within;
         }
@@ -274,7 +323,7 @@ fn near(patches: &Patches, tracer: &Tracer<'_>, patch: usize, about: About) -> N
     });
     // What stands beside a texel may cover a strip of it, as a board does of the panel behind it.
     let Some(outline) = outline else { return Near::Nothing };
-    let covered = || outline.into_iter().any(|point| is_sealed(tracer, point, about));
+    let covered = || outline.into_iter().any(|point| about.facing.seals(tracer, point));
     if stands_within || covered() { Near::Within } else { Near::Beside }
 }
 
@@ -305,63 +354,20 @@ fn is_in_front(tracer: &Tracer<'_>, triangle: u32, points: &[SurfacePoint]) -> b
     points.iter().all(|p| (scene.position(p.triangle, p.b) - corner).dot(normal) > 0.0)
 }
 
-fn is_sealed(tracer: &Tracer<'_>, point: SurfacePoint, about: About) -> bool {
-    let SurfacePoint { triangle, b } = point;
-    let scene = tracer.scene();
-    about.faced
-        && !scene.material(triangle).double_sided
-        && tracer.sealed(&Ground::new(scene.corners(triangle)), triangle, b)
-}
-
-/// A point of a front patch [texels from the texel's corner] is not hidden.
-pub(super) fn is_open(patches: &Patches, solids: Solids<'_>, front: usize, within: DVec2) -> bool {
-    let outside = |f: usize| patches.map(patches.fragments.triangle(front, f), front).outside(within);
-    let range = patches.fragments.range(front);
-    let nearest = range.clone().fold(range.start, |best, f| if outside(f) < outside(best) { f } else { best });
-    let point = patches.point_on(front, patches.fragments.triangle(front, nearest), within);
-    !is_hidden(solids, point, About { any: true, faced: true, sheet: true })
-}
-
-fn is_hidden(solids: Solids<'_>, point: SurfacePoint, about: About) -> bool {
-    is_sealed(solids.tracer, point, about) || is_inside(solids, point)
-}
-
-/// The point lies in a solid. Rays inside one may first meet the front of another that goes through it, or of a floor
-/// that it stands on: then all that they meet is looked at, and rays that say nothing do not count.
-fn is_inside(Solids { tracer, closed }: Solids<'_>, point: SurfacePoint) -> bool {
-    let scene = tracer.scene();
-    let ground = Ground::new(scene.corners(point.triangle));
-    let frame = Frame::from_normal(ground.normal());
-    // The inside of a glass or a lampshade is no solid.
-    let solid = |m: &Material| !m.is_two_sided() && m.transmission == 0.0;
-    let ray = |k: u32| {
-        let u = Vec2::new((k as f32 + 0.5) / PROBES as f32, (k as f32 * 0.618_034 + 0.3).fract());
-        let direction = frame.to_world(warp::square_to_cosine_hemisphere(u));
-        Ray { origin: tracer.leave(&ground, point.b, direction), direction, t_max: f32::INFINITY }
+/// A point of a front patch is not hidden, if another one is not; both [texels from the texel's corner].
+pub(super) fn is_open(patches: &Patches, solids: Solids<'_>, front: usize, [open, within]: [DVec2; 2]) -> bool {
+    let point = |within: DVec2| {
+        let outside = |f: usize| patches.map(patches.fragments.triangle(front, f), front).outside(within);
+        let range = patches.fragments.range(front);
+        let nearest = range.clone().fold(range.start, |best, f| if outside(f) < outside(best) { f } else { best });
+        patches.point_on(front, patches.fragments.triangle(front, nearest), within)
     };
-    let (mut backs, mut misses) = (0, 0);
-    for k in 0..PROBES {
-        match tracer.closest_hit(&ray(k)) {
-            Some(hit) if !hit.front && solid(scene.material(hit.triangle)) => backs += 1,
-            _ => misses += 1,
-        }
-        if misses > PROBES - LEAST_BACKS {
-            return false;
-        }
-    }
-    if backs >= HIDDEN_HITS {
-        return true;
-    }
-    let (mut leave, mut stay) = (0, 0);
-    for k in 0..PROBES {
-        match tracer.leaves_solid(&ray(k), closed) {
-            Some(true) => leave += 1,
-            Some(false) => stay += 1,
-            None => {}
-        }
-        if stay > PROBES - HIDDEN_HITS {
-            return false;
-        }
-    }
-    leave >= LEAST_BACKS
+    let (open, point, height) = (point(open), point(within), LOW * patches.texel_edge(front));
+    !Facing::Anywhere.seals(solids.tracer, point)
+        && (are_joined(solids.tracer, open, point, height) || !is_inside(solids, point))
+}
+
+/// The point lies in a solid, or something lies on it face to face.
+fn is_hidden(solids: Solids<'_>, point: SurfacePoint, facing: &Facing) -> bool {
+    facing.seals(solids.tracer, point) || is_inside(solids, point)
 }

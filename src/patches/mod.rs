@@ -15,7 +15,9 @@
 
 mod behind;
 mod cells;
+mod clear;
 mod exposed;
+mod facing;
 mod fragments;
 mod graph;
 mod laid;
@@ -24,6 +26,7 @@ mod pockets;
 mod readers;
 mod seams;
 mod sight;
+mod solids;
 mod surface;
 mod texel;
 mod tilt;
@@ -108,7 +111,7 @@ impl Patches {
     pub fn new(tracer: &Tracer<'_>, atlas: &Atlas, progress: &Progress) -> Self {
         let mut patches = texel::patches(tracer.scene(), atlas);
         let closed = Closed::new(tracer.scene());
-        let solids = exposed::Solids { tracer, closed: &closed };
+        let solids = solids::Solids { tracer, closed: &closed };
         patches.walled = exposed::find(&mut patches, solids, progress);
         pockets::close(&mut patches, tracer, progress);
         patches.find_readers(tracer, &closed, progress);
@@ -118,7 +121,7 @@ impl Patches {
     /// Sets the centroids of what is exposed, and who reads what is not.
     fn find_readers(&mut self, tracer: &Tracer<'_>, closed: &Closed, progress: &Progress) {
         self.centroid = parallel::map(self.front, |i| self.centroid_of(i));
-        self.unlit = readers::find(self, exposed::Solids { tracer, closed }, &self.walled, progress);
+        self.unlit = readers::find(self, solids::Solids { tracer, closed }, &self.walled, progress);
     }
 
     /// Number of patches, fronts and backs.

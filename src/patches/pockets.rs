@@ -133,7 +133,8 @@ impl Patches {
         let scene = tracer.scene();
         let Some(point) = self.middle(tracer, patch) else { return true };
         // The bottom of a cupboard lies on it.
-        if !self.is_behind(patch) && tracer.sealed(&Ground::new(scene.corners(point.triangle)), point.triangle, point.b)
+        if !self.is_behind(patch)
+            && tracer.sealed_by(&Ground::new(scene.corners(point.triangle)), point.triangle, point.b).is_some()
         {
             return false;
         }

@@ -15,7 +15,8 @@
 use super::Patches;
 use super::behind::is_cut_off;
 use super::cells::MASK_GRID;
-use super::exposed::{self, Solids};
+use super::exposed;
+use super::solids::Solids;
 use crate::base::{Progress, parallel};
 use glam::{DVec2, Vec2};
 
@@ -123,9 +124,9 @@ fn barely_read_by(patches: &Patches, solids: Solids<'_>, j: usize, offset: DVec2
             middles.push(within);
         }
     });
-    let is_open = |within: DVec2| {
+    let is_open = |open: DVec2, within: DVec2| {
         let inside = within.cmpge(DVec2::ZERO).all() && within.cmple(DVec2::ONE).all();
-        inside && exposed::is_open(patches, solids, j, within)
+        inside && exposed::is_open(patches, solids, j, [open, within])
     };
     let weight = |middle: DVec2| {
         let far = (0..2).fold(middle, |from, axis| outermost(from, -offset, axis, &is_open));
@@ -136,7 +137,7 @@ fn barely_read_by(patches: &Patches, solids: Solids<'_>, j: usize, offset: DVec2
 }
 
 /// The last open point on the way from an open one along an axis, by at most the width of a cell.
-fn outermost(from: DVec2, toward: DVec2, axis: usize, is_open: &dyn Fn(DVec2) -> bool) -> DVec2 {
+fn outermost(from: DVec2, toward: DVec2, axis: usize, is_open: &dyn Fn(DVec2, DVec2) -> bool) -> DVec2 {
     let at = |way: f64| {
         let mut point = from;
         point[axis] += toward[axis] * way;
@@ -145,7 +146,7 @@ fn outermost(from: DVec2, toward: DVec2, axis: usize, is_open: &dyn Fn(DVec2) ->
     let (mut open, mut closed) = (0.0, CELL);
     for _ in 0..HALVINGS {
         let middle = 0.5 * (open + closed);
-        if is_open(at(middle)) {
+        if is_open(from, at(middle)) {
             open = middle;
         } else {
             closed = middle;

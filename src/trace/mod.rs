@@ -217,15 +217,16 @@ impl<'a> Tracer<'a> {
         })
     }
 
-    /// Another surface lies on this point of a triangle's front, face to face: the foot of a chair on the floor. Rays
-    /// that leave the point start beyond that surface, as its distance is less than the push of [`Tracer::origin_on`].
+    /// What lies on this point of a triangle's front, face to face, as the foot of a chair on the floor. Rays that leave
+    /// the point start beyond that surface, as its distance is less than the push of [`Tracer::origin_on`].
     #[must_use]
-    pub fn sealed(&self, ground: &Ground, triangle: u32, b: Vec2) -> bool {
+    pub fn sealed_by(&self, ground: &Ground, triangle: u32, b: Vec2) -> Option<u32> {
         let normal = ground.normal();
         let [above, below] = [normal, -normal].map(|side| self.leave(ground, b, side));
         let direction = below.as_dvec3() - above.as_dvec3();
         let hit = self.nearest(Ray3 { origin: above, direction, t_max: 1.0, passes: triangle, clear: false });
-        hit.is_some_and(|h| !h.front && self.scene.geometric_normal(h.triangle).dot(normal) < FACE_TO_FACE)
+        let facing = |h: &Hit| !h.front && self.scene.geometric_normal(h.triangle).dot(normal) < FACE_TO_FACE;
+        hit.filter(facing).map(|h| h.triangle)
     }
 
     #[inline]
