@@ -383,7 +383,8 @@ fn a_thousand_lights_cost_little_more_than_ten() {
 
 #[test]
 fn many_lights_add_up_to_the_same_as_each_alone() {
-    let scene = hall(24);
+    // So many that the texels of a block look for them together.
+    let scene = hall(40);
     let stage = Stage::new(&scene, 1.0);
     let together = stage.direct(64);
     let mut alone = vec![Rgb::ZERO; together.len()];

@@ -9,6 +9,7 @@
 //! Invariants: same bits at any thread count; hidden patches get nothing; both halves get the same number of samples.
 
 use super::allot::{self, Allotment};
+use super::common::Common;
 use super::hard::{self, Hard};
 use super::lit::Lit;
 use super::look::{Look, Place};
@@ -76,6 +77,7 @@ struct Context<'a, L> {
     emitters: &'a Emitters,
     patches: &'a Patches,
     hard: Hard,
+    common: Common,
     settings: &'a Settings,
 }
 
@@ -96,7 +98,8 @@ pub fn direct(
     let neighbors = Neighbors::new(patches);
     let hard = hard::hard(&look, &neighbors, progress);
     let mut rays = hard.rays;
-    let context = Context { look, emitters, patches, hard, settings };
+    let common = if emitters.are_many() { Common::find(&look, patches, emitters, progress) } else { Common::default() };
+    let context = Context { look, emitters, patches, hard, common, settings };
     let mut layers = vec![];
     for kind in [Kind::Each, Kind::Finite, Kind::Infinity] {
         let first = allot::first_samples(settings.samples, kind == Kind::Each);
@@ -189,7 +192,7 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
             }
             Kind::Finite => {
                 let site = look.site(patch);
-                let mut cut = self.emitters.cut(&site);
+                let mut cut = self.common.cut(self.emitters, patch, &site);
                 if cut.is_empty() {
                     return [Half::default(); 2];
                 }

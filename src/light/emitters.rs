@@ -19,6 +19,8 @@ use glam::{Vec2, Vec3};
 
 /// Point and spot lights without size up to which each is looked at.
 const FEW: usize = 16;
+/// Pieces and lights from which on blocks of texels look for them together.
+const MANY: usize = 32;
 /// Most lights that are looked at one by one; a bit each.
 pub(super) const MOST_HARD: usize = 64;
 
@@ -152,6 +154,11 @@ impl Emitters {
         !self.tree.is_empty()
     }
 
+    /// So many that finding the nodes to choose from takes longer than weighing them.
+    pub(super) fn are_many(&self) -> bool {
+        self.pieces.len() + self.bulbs.len() >= MANY
+    }
+
     fn leaf(&self, k: u32) -> Leaf<'_> {
         let k = k as usize;
         self.pieces.get(k).map_or_else(|| Leaf::Bulb(&self.bulbs[k - self.pieces.len()]), Leaf::Piece)
@@ -170,6 +177,11 @@ impl Emitters {
         let solid = |k: u32| self.pieces.get(k as usize).is_some_and(|piece| piece.solid);
         cut.is_close = !self.pieces.is_empty() && self.tree.near_share(&cut, solid) > CLOSE;
         cut
+    }
+
+    /// The same with nodes that were found for a block of texels around it, all of them far.
+    pub(super) fn refitted(&self, nodes: &[u32], site: &Site) -> Cut {
+        self.tree.refitted(nodes, site, |k, site| self.estimate(k, site))
     }
 
     /// Weighs what is near for one point of the texel.

@@ -121,6 +121,11 @@ impl Cut {
         self.sums.last().copied().unwrap_or(0.0)
     }
 
+    /// The nodes, if none of them is near.
+    pub(super) fn far_nodes(&self) -> Option<Box<[u32]>> {
+        (self.near == self.nodes.len()).then(|| self.nodes.iter().map(|n| n.0).collect())
+    }
+
     /// Sums anew from a node on.
     fn sum(&mut self, from: usize) {
         self.sums.truncate(from);
@@ -249,6 +254,15 @@ impl Tree {
         far.append(&mut close);
         cut.nodes = far;
         cut.site = Some(*site);
+        cut.sum(0);
+        cut
+    }
+
+    /// The cut that has those of these nodes which reach the site; none of them may be near.
+    pub(super) fn refitted(&self, nodes: &[u32], site: &Site, estimate: impl Fn(u32, &Site) -> f32) -> Cut {
+        let weighed = nodes.iter().map(|&node| (node, self.importance(node, site, &estimate)));
+        let nodes: Vec<_> = weighed.filter(|n| n.1 > 0.0).collect();
+        let mut cut = Cut { near: nodes.len(), nodes, site: Some(*site), ..Cut::default() };
         cut.sum(0);
         cut
     }
@@ -535,6 +549,25 @@ mod tests {
                 assert!(expected == 0 || zero == 0, "leaf {leaf}: {zero} nodes above hide it");
             }
         }
+    }
+
+    #[test]
+    fn what_a_block_leaves_out_reaches_none_of_its_texels() {
+        let lights = lights(300);
+        let tree = tree(&lights);
+        let estimate = |k: u32, site: &Site| punctual::estimate(&lights[k as usize], site);
+        let mut compared = 0;
+        for site in sites().iter().filter(|s| s.flat) {
+            let Some(nodes) = tree.cut(&Site { radius: 2.0 * site.radius, ..*site }, estimate).far_nodes() else {
+                continue;
+            };
+            let texel = Site { position: site.position + site.normal.any_orthonormal_vector() * site.radius, ..*site };
+            let cut = tree.refitted(&nodes, &texel, estimate);
+            let covered = |leaf: u32| cut.nodes.iter().filter(|n| tree.leaves_under(n.0).contains(&leaf)).count();
+            let lit = (0..300).filter(|leaf| estimate(*leaf, &texel) > 0.0);
+            compared += lit.inspect(|leaf| assert_eq!(covered(*leaf), 1, "leaf {leaf}")).count();
+        }
+        assert!(compared > 300, "only {compared}");
     }
 
     #[test]

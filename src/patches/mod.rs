@@ -14,6 +14,7 @@
 //! to the front.
 
 mod behind;
+mod blocks;
 mod cells;
 mod clear;
 mod exposed;
@@ -32,6 +33,7 @@ mod texel;
 mod tilt;
 mod turn;
 
+pub use blocks::{BLOCK, Block};
 pub use graph::{COS_FACING, HEIGHTS, PatchGraph};
 pub use place::Seen;
 pub use readers::{Unlit, around};
