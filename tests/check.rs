@@ -38,7 +38,7 @@ fn path(p: &Path) -> &str {
 /// A cheap bake of a fixture; the document that it wrote.
 fn bake(name: &str, folder: &Path, options: &[&str]) -> PathBuf {
     let input = fixture(name);
-    let quick = ["--preset", "preview", "--gather", "8", "--direct-samples", "2", "-q"];
+    let quick = ["--preset", "preview", "--gather", "16", "--direct-samples", "2", "-q"];
     expect(&[&["bake", path(&input), "-o", path(folder)], quick.as_slice(), options].concat(), 0);
     folder.join(input.file_name().unwrap())
 }

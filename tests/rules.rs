@@ -251,7 +251,7 @@ fn what_casts_nothing_is_not_there_for_others() {
     assert!(ghost.warnings().is_empty(), "{:?}", ghost.warnings());
     let baked = ghost.baked();
     let ratio = floor_mean(&baked) / floor_mean(&alone.baked());
-    assert!((ratio - 1.0).abs() < 2e-3, "{ratio}");
+    assert!((ratio - 1.0).abs() < 3e-3, "{ratio}");
     let solid = floor_light(&bake(&b, "", &options).baked(), [0.0, 0.0]);
     assert!(solid < 0.5 * floor_light(&baked, [0.0, 0.0]), "the crate lets {solid} through otherwise");
     // It is lit itself: by the sun from above, by the floor from below.

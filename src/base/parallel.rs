@@ -6,6 +6,8 @@
 use super::Progress;
 use rayon::prelude::*;
 
+/// Fewest elements that one task of a cheap function gets.
+const LEAST: usize = 1024;
 /// Elements per chunk of a parallel sum.
 const SUM_CHUNK: usize = 4096;
 
@@ -22,8 +24,12 @@ pub fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
 
 /// [`map`] for `f` of a few nanoseconds, which small tasks would cost more than they gain.
 pub fn map_light<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    const LEAST: usize = 1024;
     (0..n).into_par_iter().with_min_len(LEAST).map(&f).collect()
+}
+
+/// Changes every value where it is, for functions as cheap.
+pub fn update_light<T: Send>(values: &mut [T], f: impl Fn(usize, &mut T) + Sync) {
+    values.par_iter_mut().with_min_len(LEAST).enumerate().for_each(|(i, value)| f(i, value));
 }
 
 /// `f(chunk range)` for consecutive ranges of at most `chunk` indices that cover 0..n, in order.

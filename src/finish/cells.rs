@@ -3,9 +3,12 @@
 
 use crate::base::parallel;
 use crate::patches::Patches;
+use glam::{DVec3, Vec3};
 
-/// Edge of a cell in edges of the median texel.
-const CELL: f32 = 8.0;
+/// Edge of a narrow cell in edges of the median texel.
+pub(super) const NARROW: f32 = 8.0;
+/// Edge of a wide cell in edges of the median texel.
+pub(super) const WIDE: f32 = 32.0;
 
 /// Patches, grouped by the cell that their centre lies in.
 pub(super) struct Cells {
@@ -16,10 +19,10 @@ pub(super) struct Cells {
 }
 
 impl Cells {
-    /// Groups the first `n` patches.
-    pub(super) fn new(patches: &Patches, n: usize) -> Self {
-        let edge = patches.median_edge(n, |i| i);
-        let key = |i: usize| (patches.position[i] / (CELL * edge)).floor().to_array().map(|v| v as i32);
+    /// Groups the first `n` patches by cells of that many texels along an edge.
+    pub(super) fn new(patches: &Patches, n: usize, size: f32) -> Self {
+        let edge = size * patches.median_edge(n, |i| i);
+        let key = |i: usize| (patches.position[i] / edge).floor().to_array().map(|v| v as i32);
         let mut keyed = parallel::map(n, |i| (key(i), i as u32));
         keyed.sort_unstable();
         let mut first: Vec<u32> =
@@ -30,11 +33,17 @@ impl Cells {
 
     /// Each patch's mean over its cell.
     pub(super) fn mean(&self, values: &[f32]) -> Vec<f32> {
-        let mut out = vec![0.0; values.len()];
+        let wide: Vec<Vec3> = values.iter().map(|&v| Vec3::new(v, 0.0, 0.0)).collect();
+        self.means(&wide).into_iter().map(|v| v.x).collect()
+    }
+
+    /// The same of three values at once.
+    pub(super) fn means(&self, values: &[Vec3]) -> Vec<Vec3> {
+        let mut out = vec![Vec3::ZERO; values.len()];
         for cell in self.first.windows(2) {
             let members = &self.order[cell[0] as usize..cell[1] as usize];
-            let sum = members.iter().fold(0.0, |sum, &i| sum + f64::from(values[i as usize]));
-            let mean = (sum / members.len() as f64) as f32;
+            let sum = members.iter().fold(DVec3::ZERO, |sum, &i| sum + values[i as usize].as_dvec3());
+            let mean = (sum / members.len() as f64).as_vec3();
             members.iter().for_each(|&i| out[i as usize] = mean);
         }
         out

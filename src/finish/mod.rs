@@ -5,6 +5,7 @@ mod cells;
 mod dilate;
 mod fill;
 mod hidden;
+mod judge;
 mod network;
 mod share;
 

@@ -16,6 +16,9 @@
 //!
 //! Symbols: A exposed area [m²]   E irradiance [lx]   Φ = A E   c factor of a link in [0, 1]
 //!
+//! Light flows less over links where it jumps itself ([`Network::stopped`]): Perona, Malik, "Scale-space and edge
+//! detection using anisotropic diffusion", IEEE PAMI 12(7), 1990, with the noise as the scale of what is a jump.
+//!
 //! Invariant: the sum of `g_ij` over j is at most 0.8 A, so a step never overshoots; polynomials of steps whose
 //! coefficients add up to one conserve flux and keep constants as single ones do.
 
@@ -26,6 +29,8 @@ use core::ops::{Add, Mul, Sub};
 /// Share of a patch that flows over one link per step. Four links take 0.8; above 0.25 the explicit step would ring.
 pub(super) const STEP: f32 = 0.2;
 
+/// Patches per chunk of work on links.
+const CHUNK: usize = 1 << 12;
 /// Steps up to which there is nothing to gain by taking them together.
 const FEW: usize = 3;
 /// Eigenvalues of a step's change reach twice its largest row sum.
@@ -76,7 +81,7 @@ impl Network {
                 graph.across(i).filter(|&j| (j as usize) < n).map(|j| rate(j, spare[i].min(spare[j as usize])));
             beside.filter(|&(j, _)| (j as usize) < n).chain(across).collect::<Vec<_>>()
         };
-        Self::from_rows(parallel::map_chunks(n, 1 << 12, |range| range.map(row).collect::<Vec<_>>()))
+        Self::from_rows(parallel::map_chunks(n, CHUNK, |range| range.map(row).collect::<Vec<_>>()))
     }
 
     fn from_rows(chunks: Vec<Vec<Vec<(u32, f32)>>>) -> Self {
@@ -88,16 +93,68 @@ impl Network {
         Self { first, links }
     }
 
+    /// Adds what `f` says of the two ends of a link, for every entry of every row; an empty sum starts at zero.
+    pub(super) fn add_over_links(&self, sums: &mut Vec<f32>, f: impl Fn(usize, usize) -> f32 + Sync) {
+        sums.resize(self.links.len(), 0.0);
+        let found = parallel::map_chunks(self.first.len() - 1, CHUNK, |range| {
+            let ends = range.flat_map(|i| self.row(i).iter().map(move |&(j, _)| (i, j as usize)));
+            ends.map(|(i, j)| f(i, j)).collect::<Vec<_>>()
+        });
+        sums.iter_mut().zip(found.into_iter().flatten()).for_each(|(sum, own)| *sum += own);
+    }
+
+    /// The same links, but that a jump (squared) as large as the noise on its calmer side halves what flows. Noise below zero,
+    /// as leaps leave it, is none.
+    pub(super) fn stopped(&self, jumps: &[f32], noise: &[f32]) -> Self {
+        self.scaled(|i, j, link| {
+            let (calm, jump) = (noise[i].min(noise[j]).max(0.0), jumps[link]);
+            if jump > 0.0 { calm / (calm + jump) } else { 1.0 }
+        })
+    }
+
+    /// How many patches hang together with each, itself among them.
+    pub(super) fn sizes(&self) -> Vec<u32> {
+        let mut sizes = vec![0; self.first.len() - 1];
+        let mut found = vec![];
+        for start in 0..sizes.len() {
+            if sizes[start] > 0 {
+                continue;
+            }
+            sizes[start] = 1;
+            found.push(start as u32);
+            let mut next = 0;
+            while let Some(&i) = found.get(next) {
+                next += 1;
+                for &(j, rate) in self.row(i as usize) {
+                    if rate > 0.0 && sizes[j as usize] == 0 {
+                        sizes[j as usize] = 1;
+                        found.push(j);
+                    }
+                }
+            }
+            let size = found.len() as u32;
+            found.drain(..).for_each(|i| sizes[i as usize] = size);
+        }
+        sizes
+    }
+
     /// The same links, each narrowed so that light flows about as far in `steps` steps as it did in `wanted` of them at
     /// full width; of two ends the smaller wish counts, so g stays symmetric.
     pub(super) fn narrowed(&self, wanted: &[f32], steps: usize) -> Self {
-        let links = parallel::map(wanted.len(), |i| {
-            let narrow = |&(j, rate): &(u32, f32)| {
-                (j, rate * (wanted[i].min(wanted[j as usize]) / steps.max(1) as f32).min(1.0))
-            };
-            self.row(i).iter().map(narrow).collect::<Vec<_>>()
+        self.scaled(|i, j, _| (wanted[i].min(wanted[j]) / steps.max(1) as f32).min(1.0))
+    }
+
+    /// The same links, their rates times what `f` makes of the two ends and the number of the entry.
+    fn scaled(&self, f: impl Fn(usize, usize, usize) -> f32 + Sync) -> Self {
+        let entry = |i: usize, k: usize| {
+            let (j, rate) = self.links[k];
+            (j, rate * f(i, j as usize, k))
+        };
+        let row = |i: usize| (self.first[i] as usize..self.first[i + 1] as usize).map(move |k| (i, k));
+        let links = parallel::map_chunks(self.first.len() - 1, CHUNK, |range| {
+            range.flat_map(row).map(|(i, k)| entry(i, k)).collect::<Vec<_>>()
         });
-        Self { first: self.first.clone(), links: links.into_iter().flatten().collect() }
+        Self { first: self.first.clone(), links: links.concat() }
     }
 
     /// `field` after so many steps.
@@ -124,10 +181,10 @@ impl Network {
         for j in 2..=stages {
             let weight = 2.0 * chebyshev(j - 1) / chebyshev(j);
             let (gain, scale) = ((weight * w0) as f32, (weight * w1 * steps) as f32);
-            let next = parallel::map_light(last.len(), |i| {
-                before[i] + (last[i] - before[i]) * gain + self.change(&last, i, scale)
+            parallel::update_light(&mut before, |i, value| {
+                *value = *value + (last[i] - *value) * gain + self.change(&last, i, scale);
             });
-            (before, last) = (last, next);
+            core::mem::swap(&mut before, &mut last);
         }
         last
     }
@@ -170,6 +227,24 @@ mod tests {
         assert!((moment(&stepped, 2) / spread - 1.0).abs() < 1e-3);
         assert!((moment(&leapt, 2) / spread - 1.0).abs() < 1e-3, "{} of {spread}", moment(&leapt, 2));
         assert!(leapt.iter().zip(&stepped).all(|(a, b)| (a - b).abs() < 0.2 * stepped[100]));
+    }
+
+    #[test]
+    fn light_does_not_flow_over_a_jump_and_is_conserved_beside_it() {
+        let network = chain(40);
+        let light: Vec<f32> = (0..40).map(|i| if i < 20 { 1.0 } else { 3.0 } + 0.1 * (i % 3) as f32).collect();
+        let noise = vec![0.01; 40];
+        let mut jumps = vec![];
+        network.add_over_links(&mut jumps, |i, j| (light[i] - light[j]).powi(2));
+        let stopped = network.stopped(&jumps, &noise).flow(light.clone(), 20);
+        let sum = |field: &[f32], range: core::ops::Range<usize>| field[range].iter().fold(0.0, |a, b| a + b);
+        assert!((sum(&stopped, 0..40) - sum(&light, 0..40)).abs() < 1e-4);
+        assert!((sum(&stopped, 0..20) - sum(&light, 0..20)).abs() < 0.2);
+        assert!((sum(&network.flow(light.clone(), 20), 0..20) - sum(&light, 0..20)).abs() > 2.0);
+        // Noise that leaps have left below zero stops what jumps, and makes nothing grow.
+        let stopped = network.stopped(&jumps, &[-1e-3; 40]).flow(light.clone(), 20);
+        assert!((sum(&stopped, 0..20) - sum(&light, 0..20)).abs() < 1e-4);
+        assert_eq!(network.stopped(&jumps, &noise).sizes(), vec![40; 40]);
     }
 
     #[test]

@@ -43,6 +43,9 @@ const MOST: u32 = 64;
 const ENOUGH: f32 = 0.007;
 /// Samples for which [`ENOUGH`] holds; it falls with their square root.
 const TYPICAL: f32 = 32.0;
+/// The same for lights without size and suns, as a multiple: they are sampled at edges of shadows alone, which are few.
+/// Courtyard (73,000 texels, `production`) has 0.29 % error of direct light in 0.22 s with 1, 0.23 % in 0.25 s with 0.3.
+const ENOUGH_AT_EDGES: f32 = 0.3;
 /// Share of the scene's mean that counts as visible everywhere.
 const DARK: f32 = 0.05;
 
@@ -52,23 +55,26 @@ pub(super) fn first_samples(samples: u32, at_edges: bool) -> u32 {
     if at_edges { samples } else { samples.div_ceil(2) }.max(1)
 }
 
-/// What each kind wants, patches ascending.
+/// What each kind wants, patches ascending. Kinds come with whether they are sampled at edges alone.
 pub(super) fn wanted(
     hard: &[Rgb],
-    kinds: &[&[Estimate]],
+    kinds: &[(&[Estimate], bool)],
     neighbors: &Neighbors<'_>,
     samples: u32,
 ) -> Vec<Vec<Allotment>> {
     let n = hard.len();
     let visible = parallel::map(n, |i| {
-        let sum = |h: usize| kinds.iter().map(|k| k[i].halves[h]).fold(Rgb::ZERO, |a, b| a + b);
+        let sum = |h: usize| kinds.iter().map(|(k, _)| k[i].halves[h]).fold(Rgb::ZERO, |a, b| a + b);
         color::mean(hard[i] + (sum(0) + sum(1)) * 0.5)
     });
     let mean = (parallel::sum(n, |i| f64::from(visible[i])) / n.max(1) as f64) as f32;
-    let enough = ENOUGH * ENOUGH * TYPICAL / samples as f32 * mean;
+    let enough = |at_edges: bool| {
+        let least = if at_edges { ENOUGH * ENOUGH_AT_EDGES } else { ENOUGH };
+        least * least * TYPICAL / samples as f32 * mean
+    };
     let most = (samples * MOST / 2).max(1);
     let typical = samples as f32 / 2.0;
-    let one = |estimates: &[Estimate], i: usize| {
+    let one = |estimates: &[Estimate], enough: f32, i: usize| {
         let own = estimates[i];
         if own.samples == 0 || own.samples >= most {
             return None;
@@ -90,7 +96,11 @@ pub(super) fn wanted(
         let times = (factor.min(8.0).ceil() as u32).next_power_of_two();
         (factor > 1.0).then(|| (i as u32, (own.samples * times).min(most)))
     };
-    kinds.iter().map(|k| parallel::map(n, |i| one(k, i)).into_iter().flatten().collect()).collect()
+    let all = |&(estimates, at_edges): &(&[Estimate], bool)| {
+        let enough = enough(at_edges);
+        parallel::map(n, |i| one(estimates, enough, i)).into_iter().flatten().collect()
+    };
+    kinds.iter().map(all).collect()
 }
 
 /// Variance of one sample, from the two means: mean of the channels. What the gather finds, too, is not at stake.

@@ -115,7 +115,8 @@ pub fn direct(
         }
     }
     for _ in 0..allot::ROUNDS {
-        let estimates: Vec<&[Estimate]> = layers.iter().map(|l| l.estimates.as_slice()).collect();
+        let estimates: Vec<(&[Estimate], bool)> =
+            layers.iter().map(|l| (l.estimates.as_slice(), l.kind == Kind::Each)).collect();
         let wanted = allot::wanted(&context.hard.irradiance, &estimates, &neighbors, settings.samples);
         if wanted.iter().all(Vec::is_empty) || progress.cancelled() {
             break;
