@@ -38,7 +38,7 @@ fn path(p: &Path) -> &str {
 /// A cheap bake of a fixture; the document that it wrote.
 fn bake(name: &str, folder: &Path, options: &[&str]) -> PathBuf {
     let input = fixture(name);
-    let quick = ["--preset", "preview", "--gather", "16", "--direct-samples", "2", "-q"];
+    let quick = ["--preset", "preview", "--gather", "32", "--direct-samples", "2", "-q"];
     expect(&[&["bake", path(&input), "-o", path(folder)], quick.as_slice(), options].concat(), 0);
     folder.join(input.file_name().unwrap())
 }
@@ -450,7 +450,7 @@ const CLEAN: [(&str, &str); 7] = [
 /// charts narrower than a texel cannot agree with all their neighbours. How bad the worst place is depends on how texels
 /// happen to fall there: with other paddings, leaks in office were 35 to 76 %.
 const KNOWN: [(&str, Kind, f64); 14] = [
-    ("cornell/cornell.gltf", Kind::DarkStrip, 0.18),
+    ("cornell/cornell.gltf", Kind::DarkStrip, 0.28),
     ("office/office.glb", Kind::SeamStep, 0.2),
     ("office/office.glb", Kind::Leaks, 0.99),
     ("office/office.glb", Kind::DarkStrip, 0.99),

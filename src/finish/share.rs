@@ -2,8 +2,8 @@
 //!
 //! In: irradiance as two halves that share no random number, and links. Out: both halves, smoother by the same linear
 //! map, and the squared error that is left in their mean; constant irradiance stays constant, and flux is conserved, but
-//! for light below zero, which is cut: up to 2·10⁻⁵ of the flux of cornell, courtyard, office and room with the rays of
-//! `production`, up to 3·10⁻⁴ with a sixteenth of them.
+//! for what would be too dark beside jumps (`straightened`): of cornell, courtyard, office and room up to 6·10⁻⁵ of it
+//! with the rays of `production`, 6·10⁻⁴ with a sixteenth of them.
 //!
 //! The fuzzy random walk's splat, made to converge: a bandwidth per texel that vanishes with the noise, and flow
 //! through reversible conductances (`network`). Design: Castro, Feixas, Sbert, "Fuzzy Random Walk", §5, leave both
@@ -134,15 +134,12 @@ pub fn share(patches: &Patches, graph: &PatchGraph, halves: [&mut Vec<Rgb>; 2], 
     let [a, b] = halves;
     let raw = parallel::map_light(a.len(), |i| Pair(a[i], b[i]));
     let (network, wanted, steps) = chosen(patches, graph, &raw);
-    let shared = straightened(&network, raw.clone(), steps);
-    // Beside jumps 2F − F² can reach below zero.
-    let shared = parallel::map_light(raw.len(), |i| Pair(shared[i].0.max(Rgb::ZERO), shared[i].1.max(Rgb::ZERO)));
+    let shared = straightened(&network, raw.clone(), steps, |a, b| Pair(a.0.max(b.0), a.1.max(b.1)));
     if let Some(part) = along.part {
-        *part = straightened(&network, core::mem::take(part), steps);
-        part.iter_mut().for_each(|light| *light = light.max(Rgb::ZERO));
+        *part = straightened(&network, core::mem::take(part), steps, Rgb::max);
     }
     if let Some(vectors) = along.vectors.filter(|v| !v.is_empty()) {
-        *vectors = straightened(&network, core::mem::take(vectors), steps);
+        *vectors = straightened(&network, core::mem::take(vectors), steps, |a, _| a);
     }
     let bias = parallel::map_light(raw.len(), |i| bias(shared[i], raw[i]));
     let noise = parallel::map_light(raw.len(), |i| {
@@ -207,11 +204,12 @@ fn bandwidth(network: &Network, judge: &Judge<'_>, raw: &[Pair]) -> Vec<f32> {
     network.flow(best.into_iter().map(|(_, steps)| steps).collect(), SETTLE_STEPS)
 }
 
-/// 2F − F² of a field, with F so many steps of flow.
-fn straightened<T: Field>(network: &Network, field: Vec<T>, steps: usize) -> Vec<T> {
+/// 2F − F² of a field, with F so many steps of flow; the larger of that and half of F, as `larger` says. Beside jumps
+/// there would be rims of black otherwise.
+fn straightened<T: Field>(network: &Network, field: Vec<T>, steps: usize, larger: impl Fn(T, T) -> T + Sync) -> Vec<T> {
     let once = network.flow(field, steps);
     let twice = network.flow(once.clone(), steps);
-    parallel::map_light(once.len(), |i| once[i] * 2.0 - twice[i])
+    parallel::map_light(once.len(), |i| larger(once[i] * 2.0 - twice[i], once[i] * 0.5))
 }
 
 /// Squared bias of the mean of two halves, on average [lx²].
