@@ -19,7 +19,7 @@ const PROGRAM: u64 = 32 << 20;
 /// Charts of a triangle that has no layout of its own, once for all equal parts [bytes].
 const PER_CHARTED_TRIANGLE: u64 = 150;
 /// Patch and links [bytes].
-const PER_PATCH: u64 = 525;
+const PER_PATCH: u64 = 570;
 /// Solution of one group of lights on a patch [bytes].
 const PER_SOLUTION: u64 = 220;
 /// Light vectors on a patch [bytes].
