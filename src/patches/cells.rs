@@ -68,6 +68,13 @@ impl Patches {
         }
         let (mut sum, mut total) = (DVec2::ZERO, 0.0);
         for f in range {
+            if self.mask[front] == u64::MAX {
+                let polygon = self.polygon(front, f);
+                let area = polygon.area();
+                sum += polygon.centroid() * area;
+                total += area;
+                continue;
+            }
             self.cell_centroids(front, f, MASK_GRID, |_, centroid, area| {
                 if self.is_exposed_at(front, centroid) {
                     sum += centroid * f64::from(area);

@@ -282,7 +282,7 @@ impl Equations {
         let most: Vec<f64> = self.demands.iter().map(|d| d.weight * MOST_TIMES).collect();
         let mut x = start.clone();
         for _ in 0..ROUNDS {
-            x = self.solved(&start, &x, ROUGH, progress);
+            x = self.solved_signed(&start, x, ROUGH, progress);
             if progress.cancelled() || !self.strengthen(&x, floor, &most) {
                 break;
             }
@@ -310,9 +310,13 @@ impl Equations {
     /// The same without a least.
     pub(super) fn solve_signed(&self, lightmap: &Lightmap, progress: &Progress) -> Vec<(u32, Rgb)> {
         let start: Vec<DVec3> = self.texels.iter().map(|&t| light(lightmap, t).as_dvec3()).collect();
-        let load = self.load(&start);
-        let values = nonnegative::solve_signed(self, &load, start, CLOSE, progress);
+        let values = self.solved_signed(&start, start.clone(), CLOSE, progress);
         self.texels.iter().copied().zip(values.into_iter().map(|v| v.as_vec3())).collect()
+    }
+
+    /// The unknowns for what they hold, of either sign, found from `guess` on.
+    fn solved_signed(&self, start: &[DVec3], guess: Vec<DVec3>, close: f64, progress: &Progress) -> Vec<DVec3> {
+        nonnegative::solve_signed(self, &self.load(start), guess, close, progress)
     }
 
     /// The right-hand side, for what the texels hold.
