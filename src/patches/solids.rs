@@ -101,17 +101,19 @@ pub(super) fn is_inside(solids: Solids<'_>, point: SurfacePoint) -> bool {
 /// [`is_inside`] for points of one triangle, row by row, each with its place in the texel. `height` is that of the
 /// segments between them over the triangle [m].
 pub(super) fn which_inside(solids: Solids<'_>, points: &[(SurfacePoint, DVec2)], height: f32) -> Vec<bool> {
-    let ask = |k: usize| is_inside(solids, points[k].0);
     if points.len() <= FEW {
-        return (0..points.len()).map(ask).collect();
+        return points.iter().map(|point| is_inside(solids, point.0)).collect();
     }
+    // Of a row of points, two are the outermost ones along all four diagonals.
+    let mut known = vec![None; points.len()];
+    let mut ask = |k: usize| *known[k].get_or_insert_with(|| is_inside(solids, points[k].0));
     let joined = join(solids.tracer, points, height);
     let mut inside = vec![false; points.len()];
     for first in (0..points.len()).filter(|&k| joined[k] == k) {
         let members = || (first..points.len()).filter(|&k| joined[k] == first);
         let outermost = |along: DVec2| members().max_by(|&a, &b| at(points, a, along).total_cmp(&at(points, b, along)));
-        let verdicts =
-            [(1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)].map(|(x, y)| outermost(DVec2::new(x, y)).map(ask));
+        let verdicts = [(1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)]
+            .map(|(x, y)| outermost(DVec2::new(x, y)).map(&mut ask));
         let agree = verdicts[1..].iter().all(|v| *v == verdicts[0]);
         members().for_each(|k| inside[k] = if agree { verdicts[0] == Some(true) } else { ask(k) });
     }
