@@ -48,7 +48,8 @@ const LEVELS: [usize; 8] = [0, 1, 2, 4, 8, 16, 32, 64];
 /// Power of the part by which noise fell, by which more is left than is seen. On 22,000 to 113,000 texels of cornell,
 /// courtyard, office, two rooms, chairs and room, with a quarter of the rays of `production`, all and four times as many, it
 /// should have been 0.35 to 0.5, for direct and for indirect light; errors are then stated within a fifth of what they are
-/// but in room, where single texels decide. What the choice hides is 1.04 to 7 times the noise that is seen.
+/// but in room, where single texels decide. What is left is 1.04 to 7 times the noise that is seen. Limit: of wholly even
+/// light, which flows as far as it can everywhere, nothing is hidden, and up to 1.6 times the error is stated.
 const HIDDEN: f32 = 0.45;
 /// Part by which noise fell from which on no more is hidden: where light is even enough for more, little is chosen by chance.
 /// Without it, cornell stated half as much again as it had with a quarter of the rays of `production`.
