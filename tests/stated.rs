@@ -1,7 +1,7 @@
 //! Stated error: what sharing says is left of noise and blur, against what is left of it, where the truth is known.
 //!
-//! Light is a function of place that bends and jumps; its two halves have noise of known size. Half of what is asked is the
-//! sum over all texels, half is single texels, told apart by how bright they are.
+//! Light is a function of place that bends and jumps; its two halves have noise of known size. Both what is stated of all
+//! texels together and what is expected of single ones is compared.
 #![allow(clippy::unwrap_used, clippy::print_stderr, reason = "tests")]
 
 #[path = "support/solve.rs"]

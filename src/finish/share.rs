@@ -41,25 +41,15 @@ use super::network::{Field, Network};
 use crate::base::{LightVector, Rgb, parallel};
 use crate::patches::{PatchGraph, Patches};
 use core::ops::{Add, Mul, Sub};
-use glam::Vec2;
 
 /// Steps of flow that are compared; n steps spread light by √(0.4 n) texels: 0.6, 0.9, 1.3, 1.8, 2.5, 3.6, 5.1.
 const LEVELS: [usize; 8] = [0, 1, 2, 4, 8, 16, 32, 64];
-/// Power of the part by which noise fell, by which more is left than is seen. On 22,000 to 113,000 texels of cornell,
-/// courtyard, office, two rooms, chairs and room, with a quarter of the rays of `production`, all and four times as many, it
-/// should have been 0.35 to 0.5, for direct and for indirect light; errors are then stated within a fifth of what they are
-/// but in room, where single texels decide. What is left is 1.04 to 7 times the noise that is seen. Limit: of wholly even
-/// light, which flows as far as it can everywhere, nothing is hidden, and up to 1.6 times the error is stated.
+/// Power of the part by which noise fell, by which more of it is left than is seen, and the part from which on no more is
+/// hidden. On 22,000 to 113,000 texels of cornell, courtyard, office, two rooms, chairs and room, with a quarter of the rays of
+/// `production`, all and four times as many, it should have been 1.0 to 1.5 times what is seen where noise fell to a half or
+/// less far, and 1.6 to 3.4 times where it fell to an eighth or farther, for direct and indirect light alike.
 const HIDDEN: f32 = 0.45;
-/// Part by which noise fell from which on no more is hidden: where light is even enough for more, little is chosen by chance.
-/// Without it, cornell stated half as much again as it had with a quarter of the rays of `production`.
-const MOST_REMOVED: f32 = 32.0;
-/// Part of the noise that is left whatever is seen of the bias, of all patches together. The choice of levels makes the bias
-/// look smaller, too, below zero where all is noise; what is said to be left of the noise makes up for both.
-const SURE: f64 = 0.25;
-/// The same for single patches, of whose bias less is known. With 0.25 their errors were up to 1.4 times as large as stated
-/// (two rooms), with 1 down to 0.5 (cornell).
-const SURE_OF_ONE: f32 = 0.5;
+const MOST_REMOVED: f32 = 7.0;
 /// Error that no page shows, relative: half of what half floats round by.
 const UNSEEN: f32 = 1.0 / 4096.0;
 /// Steps of flow after which jumps over links are looked for, and jumps that halve what flows, squared, in variances of
@@ -99,12 +89,11 @@ impl Errors {
         add(&mut self.bias, &other.bias);
     }
 
-    /// Over all patches together.
+    /// Over all patches together; there the bias is known well enough to be added where it is not negative.
     #[must_use]
     pub fn sum(&self) -> f64 {
         let sum = |values: &[f32]| parallel::sum(values.len(), |i| f64::from(values[i]));
-        let noise = sum(&self.noise);
-        (noise + sum(&self.bias)).max(noise * SURE)
+        sum(&self.noise) + sum(&self.bias).max(0.0)
     }
 
     /// Squared error to be expected of each patch: half of it from around the patch, half from its cell of space.
@@ -115,25 +104,22 @@ impl Errors {
     #[must_use]
     pub fn expected(&self, patches: &Patches, graph: &PatchGraph) -> Vec<f32> {
         let cells = Cells::new(patches, self.noise.len(), cells::NARROW);
-        let in_cell = self.averaged(SURE_OF_ONE, |values| cells.mean(&values));
-        let network = Network::new(patches, graph, self.noise.len());
-        let around = self.averaged(SURE_OF_ONE, |values| network.flow(values, judge::STEPS));
-        around.into_iter().zip(in_cell).map(|(around, cell)| 0.5 * (around + cell)).collect()
+        let in_cell = self.averaged(|values| cells.mean(&values));
+        self.around(patches, graph).into_iter().zip(in_cell).map(|(around, cell)| 0.5 * (around + cell)).collect()
     }
 
-    /// Noise and bias around each patch: smoother, and never below the noise there. It deals rays: dealt by less, squared errors
-    /// grew by a fiftieth to a fifth.
+    /// Noise and bias around each patch: smoother, and never below the noise there.
     #[must_use]
     pub fn around(&self, patches: &Patches, graph: &PatchGraph) -> Vec<f32> {
         let network = Network::new(patches, graph, self.noise.len());
-        self.averaged(1.0, |values| network.flow(values, judge::STEPS))
+        self.averaged(|values| network.flow(values, judge::STEPS))
     }
 
-    /// Noise and bias after averaging, never below a part of the noise.
-    fn averaged(&self, least: f32, average: impl Fn(Vec<f32>) -> Vec<f32>) -> Vec<f32> {
+    /// Noise and bias after averaging, never below the noise.
+    fn averaged(&self, average: impl Fn(Vec<f32>) -> Vec<f32>) -> Vec<f32> {
         let both = self.noise.iter().zip(&self.bias).map(|(n, b)| n + b).collect();
         let (both, noise) = (average(both), average(self.noise.clone()));
-        both.into_iter().zip(noise).map(|(e, n)| e.max(n * least)).collect()
+        both.into_iter().zip(noise).map(|(e, n)| e.max(n)).collect()
     }
 }
 
@@ -150,7 +136,7 @@ pub struct Along<'a> {
 pub fn share(patches: &Patches, graph: &PatchGraph, halves: [&mut Vec<Rgb>; 2], along: Along<'_>) -> Errors {
     let [a, b] = halves;
     let raw = parallel::map_light(a.len(), |i| Pair(a[i], b[i]));
-    let (network, steps) = chosen(patches, graph, &raw);
+    let Flow { network, steps, noise } = chosen(patches, graph, &raw);
     let shared = straightened(&network, raw.clone(), steps, |a, b| Pair(a.0.max(b.0), a.1.max(b.1)));
     if let Some(part) = along.part {
         *part = straightened(&network, core::mem::take(part), steps, Rgb::max);
@@ -160,39 +146,45 @@ pub fn share(patches: &Patches, graph: &PatchGraph, halves: [&mut Vec<Rgb>; 2], 
     }
     drop(network);
     let bias = parallel::map_light(raw.len(), |i| bias(shared[i], raw[i]));
-    let noise = left(&Network::new(patches, graph, raw.len()), &raw, &shared);
+    let noise = left(&Network::new(patches, graph, raw.len()), &noise, &shared);
     for (i, pair) in shared.into_iter().enumerate() {
         (a[i], b[i]) = (pair.0, pair.1);
     }
     Errors { noise, bias }
 }
 
+/// How light flows.
+struct Flow {
+    /// Links that let it flow as far as suits each patch in so many steps.
+    network: Network,
+    steps: usize,
+    /// Noise around each patch before [lx²].
+    noise: Vec<f32>,
+}
+
 /// Variance of the mean of two halves that is left after they flowed [lx²]: what is seen of it, times a power of what was
-/// removed of it around there.
-fn left(network: &Network, raw: &[Pair], shared: &[Pair]) -> Vec<f32> {
-    let before_and_after = |i: usize| Vec2::new(noise(raw[i]), noise(shared[i]));
-    let around = network.flow(parallel::map_light(raw.len(), before_and_after), judge::STEPS);
-    parallel::map_light(raw.len(), |i| {
-        let Vec2 { x: before, y: after } = around[i];
-        // Leaps leave some of either below zero, where there is next to none.
-        let removed = if after > 0.0 { (before / after).clamp(1.0, MOST_REMOVED) } else { 1.0 };
+/// removed of the noise that was around there before.
+fn left(network: &Network, before: &[f32], shared: &[Pair]) -> Vec<f32> {
+    let after = network.flow(parallel::map_light(shared.len(), |i| noise(shared[i])), judge::STEPS);
+    parallel::map_light(shared.len(), |i| {
+        // Leaps leave some of it below zero, where there is next to none.
+        let removed = if after[i] > 0.0 { (before[i] / after[i]).clamp(1.0, MOST_REMOVED) } else { 1.0 };
         noise(shared[i]) * libm::powf(removed, HIDDEN)
     })
 }
 
-/// Links that let light flow as far as suits each patch in a number of steps, and that number.
-fn chosen(patches: &Patches, graph: &PatchGraph, raw: &[Pair]) -> (Network, usize) {
+fn chosen(patches: &Patches, graph: &PatchGraph, raw: &[Pair]) -> Flow {
     let network = Network::new(patches, graph, raw.len());
     let judge = Judge::new(patches, &network);
-    let stopped = stopped(&network, raw);
+    let noise = network.flow(parallel::map_light(raw.len(), |i| noise(raw[i]).max(unseen(raw[i]))), judge::STEPS);
+    let stopped = stopped(&network, raw, &noise);
     let wanted = bandwidth(&stopped, &judge, raw);
     let steps = widest(&wanted);
-    (stopped.narrowed(&wanted, steps), steps)
+    Flow { network: stopped.narrowed(&wanted, steps), steps, noise }
 }
 
 /// The links that light can flow over without crossing an edge of its own.
-fn stopped(network: &Network, raw: &[Pair]) -> Network {
-    let noise = network.flow(parallel::map_light(raw.len(), |i| noise(raw[i]).max(unseen(raw[i]))), judge::STEPS);
+fn stopped(network: &Network, raw: &[Pair], noise: &[f32]) -> Network {
     let (mut rough, mut before, mut jumps) = (raw.to_vec(), 0, vec![]);
     for (steps, noises) in PILOTS {
         rough = network.flow(rough, steps - before);
@@ -203,7 +195,7 @@ fn stopped(network: &Network, raw: &[Pair]) -> Network {
         });
     }
     drop(rough);
-    network.stopped(&jumps, &noise)
+    network.stopped(&jumps, noise)
 }
 
 /// Steps of flow that suit each patch best.

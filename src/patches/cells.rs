@@ -61,26 +61,27 @@ impl Patches {
 
     /// Centroid of the exposed part of a front patch [texels from the texel's corner].
     pub(super) fn centroid_of(&self, front: usize) -> Vec2 {
-        let range = self.fragments.range(front);
+        let (range, is_open) = (self.fragments.range(front), self.mask[front] == u64::MAX);
         let whole = range.len() == 1 && self.fragments.covered[range.start] > 0.999_999;
-        if whole && self.mask[front] == u64::MAX {
+        if whole && is_open {
             return Vec2::splat(0.5);
         }
         let (mut sum, mut total) = (DVec2::ZERO, 0.0);
+        let mut add = |centroid: DVec2, area: f64| {
+            sum += centroid * area;
+            total += area;
+        };
         for f in range {
-            if self.mask[front] == u64::MAX {
+            if is_open {
                 let polygon = self.polygon(front, f);
-                let area = polygon.area();
-                sum += polygon.centroid() * area;
-                total += area;
-                continue;
+                add(polygon.centroid(), polygon.area());
+            } else {
+                self.cell_centroids(front, f, MASK_GRID, |_, centroid, area| {
+                    if self.is_exposed_at(front, centroid) {
+                        add(centroid, f64::from(area));
+                    }
+                });
             }
-            self.cell_centroids(front, f, MASK_GRID, |_, centroid, area| {
-                if self.is_exposed_at(front, centroid) {
-                    sum += centroid * f64::from(area);
-                    total += f64::from(area);
-                }
-            });
         }
         if total > 0.0 { (sum / total).as_vec2() } else { Vec2::splat(0.5) }
     }

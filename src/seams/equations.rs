@@ -22,7 +22,7 @@
 //! weight and no rounds; its steps (99.9 %) are then 74, 1.6, 1.2, 0.9, 1.0 %, those of a lumpy body 190, 4.6, 2.3, 1.2,
 //! 1.3 %.
 //!
-//! Weights come from one lightmap, the guide, so that lightmaps that add up to it still do when all of them are stitched,
+//! Weights come from one lightmap, the guide, solved for without the least, so that lightmaps that add up to it still do when all of them are stitched,
 //! within 0.2 % and as far as no texel has to be kept from getting too dark.
 
 use crate::base::Progress;
@@ -66,8 +66,6 @@ const MOST_TIMES: f64 = 5.0;
 /// Residual of the solution, relative to the light: a fifth of what half floats keep. With a tenth of it, a scan of 348,503
 /// triangles took 37 instead of 14 s, and its rounds ended before all was right that is fixed: steps of 8.6 instead of 5.2 %.
 const CLOSE: f64 = 1e-4;
-/// The same for weights, which follow steps roughly: a fifth less time than with `CLOSE` for a field of heads, the same steps.
-const ROUGH: f64 = 3e-4;
 
 /// The texels of a bilinear look-up.
 #[derive(Debug, Clone, Copy)]
@@ -255,7 +253,7 @@ impl Equations {
     pub(super) fn solve(&self, lightmap: &Lightmap, progress: &Progress) -> Vec<(u32, Rgb)> {
         let held = self.held(lightmap);
         let guess: Vec<DVec3> = held.iter().zip(&self.gain).map(|(x, gain)| *x * gain.as_dvec3()).collect();
-        let values = self.solved(&held, &guess, CLOSE, progress);
+        let values = self.solved(&held, &guess, progress);
         self.texels.iter().copied().zip(values.into_iter().map(|v| v.as_vec3())).collect()
     }
 
@@ -265,14 +263,14 @@ impl Equations {
     }
 
     /// The unknowns for what they hold, found from `guess` on.
-    fn solved(&self, start: &[DVec3], guess: &[DVec3], close: f64, progress: &Progress) -> Vec<DVec3> {
+    fn solved(&self, start: &[DVec3], guess: &[DVec3], progress: &Progress) -> Vec<DVec3> {
         let load = self.load(start);
         // Solved for what is above the least.
         let least = parallel::map_light(start.len(), |i| start[i] * LEAST);
         let below = nonnegative::Equations::times(self, &least);
         let load = parallel::map_light(start.len(), |i| load[i] - below[i]);
         let above = guess.iter().zip(&least).map(|(x, least)| *x - *least).collect();
-        let above = nonnegative::solve(self, &load, above, close, progress);
+        let above = nonnegative::solve(self, &load, above, CLOSE, progress);
         least.iter().zip(above).map(|(least, above)| *least + above).collect()
     }
 
@@ -282,7 +280,7 @@ impl Equations {
         let most: Vec<f64> = self.demands.iter().map(|d| d.weight * MOST_TIMES).collect();
         let mut x = start.clone();
         for _ in 0..ROUNDS {
-            x = self.solved_signed(&start, x, ROUGH, progress);
+            x = self.solved_signed(&start, x, progress);
             if progress.cancelled() || !self.strengthen(&x, floor, &most) {
                 break;
             }
@@ -310,13 +308,13 @@ impl Equations {
     /// The same without a least.
     pub(super) fn solve_signed(&self, lightmap: &Lightmap, progress: &Progress) -> Vec<(u32, Rgb)> {
         let start: Vec<DVec3> = self.texels.iter().map(|&t| light(lightmap, t).as_dvec3()).collect();
-        let values = self.solved_signed(&start, start.clone(), CLOSE, progress);
+        let values = self.solved_signed(&start, start.clone(), progress);
         self.texels.iter().copied().zip(values.into_iter().map(|v| v.as_vec3())).collect()
     }
 
     /// The unknowns for what they hold, of either sign, found from `guess` on.
-    fn solved_signed(&self, start: &[DVec3], guess: Vec<DVec3>, close: f64, progress: &Progress) -> Vec<DVec3> {
-        nonnegative::solve_signed(self, &self.load(start), guess, close, progress)
+    fn solved_signed(&self, start: &[DVec3], guess: Vec<DVec3>, progress: &Progress) -> Vec<DVec3> {
+        nonnegative::solve_signed(self, &self.load(start), guess, CLOSE, progress)
     }
 
     /// The right-hand side, for what the texels hold.
