@@ -45,9 +45,9 @@ use core::ops::{Add, Mul, Sub};
 /// Steps of flow that are compared; n steps spread light by √(0.4 n) texels: 0.6, 0.9, 1.3, 1.8, 2.5, 3.6, 5.1.
 const LEVELS: [usize; 8] = [0, 1, 2, 4, 8, 16, 32, 64];
 /// Power of the part by which noise fell, by which more of it is left than is seen, and the part from which on no more is
-/// hidden. On 22,000 to 113,000 texels of cornell, courtyard, office, two rooms, chairs and room, with a quarter of the rays of
-/// `production`, all and four times as many, it should have been 1.0 to 1.5 times what is seen where noise fell to a half or
-/// less far, and 1.6 to 3.4 times where it fell to an eighth or farther, for direct and indirect light alike.
+/// hidden. On 40,000 to 116,000 texels of cornell, office, two rooms and chairs, with a quarter of the rays of `production`,
+/// all and four times as many, it should have been 1.0 to 1.5 times what is seen where noise fell to a half or less far, and
+/// 1.6 to 3.4 times where it fell to an eighth or farther, for direct and indirect light alike.
 const HIDDEN: f32 = 0.45;
 const MOST_REMOVED: f32 = 7.0;
 /// Error that no page shows, relative: half of what half floats round by.
