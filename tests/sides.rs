@@ -54,6 +54,21 @@ fn a_box_that_was_modelled_inside_out_is_stored_as_seen_from_outside() {
 }
 
 #[test]
+fn walls_half_a_metre_thick_are_stored_as_seen_from_the_room() {
+    let house = |inward| {
+        let mut quads = shell([-1.5, 0.0, -1.5], [3.0, 2.4, 3.0], inward);
+        quads.extend(shell([-2.0, -0.5, -2.0], [4.0, 3.4, 4.0], false));
+        let lamp = json!({"type": "point", "intensity": 3.0});
+        lit(quads, "directional", Vec3::ZERO).with(lamp, Vec3::new(0.2, 1.6, 0.1), Vec3::Y).bake(&OPTIONS)
+    };
+    let [inward, outward] = [true, false].map(house);
+    assert_eq!(turned(&inward), 0, "{}", inward.report["warnings"]);
+    assert_eq!(turned(&outward), 6, "{}", outward.report["warnings"]);
+    let ratio = sum(&outward) / sum(&inward);
+    assert!((ratio - 1.0).abs() < 0.03, "the page holds {ratio} of the light that it should");
+}
+
+#[test]
 fn a_dark_room_stays_dark() {
     let room = shell([-1.5, 0.0, -1.5], [3.0, 2.4, 3.0], true);
     let baked = lit(room, "directional", Vec3::ZERO).bake(&OPTIONS);

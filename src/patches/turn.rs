@@ -13,16 +13,22 @@ use super::Patches;
 use crate::atlas::Atlas;
 use crate::base::{Frame, Progress, parallel, warp};
 use crate::trace::{Closed, Ground, Ray, Tracer};
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 
 /// Most texels of a chart that are looked from.
 const TEXELS: usize = 64;
 /// Rays from each.
 const RAYS: u32 = 4;
-/// A gap is narrower than this, half way between a wardrobe and a closet [m] …
+/// A pocket is narrower than this, half way between a wardrobe and a closet [m] …
 pub(super) const NARROW: f32 = 0.5;
 /// … and than this in texels, whatever the scene's unit.
 pub(super) const NARROW_TEXELS: f32 = 16.0;
+/// In a gap most rays rise no higher above the surface than this [m]: the insides of walls of half a metre are gaps …
+const NEAR: f32 = 0.55;
+/// … nor than this in texels.
+const NEAR_TEXELS: f32 = 24.0;
+/// And they are no longer than this many times as much: of rays along a corner of a room some do not rise high either.
+const SLANT: f32 = 3.0;
 /// Part of the rays that may leave a gap for the open, through cracks.
 const ESCAPE: f64 = 0.02;
 /// Nobody looks into a slit: most rays meet something within this [m]. Tapes lie 15 mm above a floor …
@@ -132,7 +138,8 @@ impl Patches {
                 let direction = frame.to_world(warp::square_to_cosine_hemisphere(u));
                 let origin = tracer.leave(&ground, point.b, direction);
                 let hit = tracer.closest_hit(&Ray { origin, direction, t_max: f32::INFINITY });
-                view.add(hit.map(|h| h.t), self.texel_edge(patch));
+                let rise = direction.dot(frame.to_world(Vec3::Z)).max(1.0 / SLANT);
+                view.add(hit.map(|h| h.t), rise, self.texel_edge(patch));
             }
         }
         view
@@ -145,19 +152,22 @@ struct View {
     rays: u32,
     /// Met nothing.
     escaped: u32,
-    /// Met something within [`NARROW`].
+    /// Met something less than [`NEAR`] above the surface.
     near: u32,
     /// Met something within [`THIN`].
     touching: u32,
 }
 
 impl View {
-    fn add(&mut self, distance: Option<f32>, edge: f32) {
-        let within = |metres: f32, texels: f32| u32::from(distance.is_some_and(|t| t < metres.min(texels * edge)));
+    /// A ray that met something at `distance`, and rose by `rise` per metre.
+    fn add(&mut self, distance: Option<f32>, rise: f32, edge: f32) {
+        let within = |distance: Option<f32>, metres: f32, texels: f32| {
+            u32::from(distance.is_some_and(|t| t < metres.min(texels * edge)))
+        };
         self.rays += 1;
         self.escaped += u32::from(distance.is_none());
-        self.near += within(NARROW, NARROW_TEXELS);
-        self.touching += within(THIN, THIN_TEXELS);
+        self.near += within(distance.map(|t| t * rise), NEAR, NEAR_TEXELS);
+        self.touching += within(distance, THIN, THIN_TEXELS);
     }
 
     /// All rays of a point end where it is narrow.
