@@ -192,6 +192,28 @@ fn the_study_of_error_against_time_runs_and_its_judges_find_us_right() {
 }
 
 #[test]
+#[ignore = "slow: Cycles on the CPU"]
+fn pictures_beside_cycles_show_the_same_scene_through_the_same_camera() {
+    let out = folder("study_beside");
+    let options = ["--preset", "preview", "--texels-per-meter", "12", "-o"];
+    let mut bake = Command::new(env!("CARGO_BIN_EXE_texelwalk"));
+    said(bake.arg("bake").arg(fixture("office").file).args(options).arg(&out).output().unwrap());
+    let script = root().join("pipelines/study/beside.py");
+    let mut study = Command::new(environment_python());
+    study.args([text(&script), text(&out.join("office.glb")), text(&out)]);
+    study.args(["--size", "180", "120", "--samples", "32", "--binary", env!("CARGO_BIN_EXE_texelwalk")]);
+    let said = said(study.output().unwrap());
+    let rows: Vec<&str> = said.lines().filter(|line| line.starts_with("office camera ")).collect();
+    assert_eq!(rows.len(), 2, "{said}");
+    for (number, row) in rows.iter().enumerate() {
+        let after =
+            |word: &str| row.split(word).nth(1).unwrap().split([',', '%']).next().unwrap().parse::<f32>().unwrap();
+        assert!((after("ratio of means ") - 1.0).abs() < 0.03 && after("30 %: ") < 6.0, "{row}");
+        assert!(out.join(format!("office.{number}.png")).is_file());
+    }
+}
+
+#[test]
 #[ignore = "slow: makes Python environments, minutes"]
 fn the_study_of_charts_lays_out_a_scene_by_all_programs() {
     let out = folder("study_charts");
