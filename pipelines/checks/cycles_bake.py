@@ -39,21 +39,30 @@ def quiet():
         os.close(kept)
 
 
-def bake(baked, pages, samples, seed, threads):
-    """One bake of all pages; returns their pixels, row 0 on top, UNTOUCHED where Cycles wrote nothing."""
+def set_up(samples, threads):
+    """Makes Cycles trace paths without a bias: no limit that is felt, no clamp, no filter, no adaptive number of samples."""
     import bpy
 
     scene = bpy.context.scene
     scene.render.engine = "CYCLES"
     scene.render.threads_mode, scene.render.threads = "FIXED", threads
     settings = scene.cycles
-    settings.device, settings.samples, settings.seed = "CPU", samples, seed
+    settings.device, settings.samples = "CPU", samples
     settings.use_adaptive_sampling = settings.use_denoising = False
     # No limit that biases: bounces, clamps, filters, and the default that drops dim lights.
     settings.max_bounces = settings.diffuse_bounces = settings.transmission_bounces = 128
     settings.transparent_max_bounces = 256
     settings.sample_clamp_direct = settings.sample_clamp_indirect = 0.0
     settings.blur_glossy = settings.light_sampling_threshold = 0.0
+    return scene
+
+
+def bake(baked, pages, samples, seed, threads):
+    """One bake of all pages; returns their pixels, row 0 on top, UNTOUCHED where Cycles wrote nothing."""
+    import bpy
+
+    scene = set_up(samples, threads)
+    scene.cycles.seed = seed
     for _, image in pages:
         width, height = image.size
         image.pixels.foreach_set(numpy.full(width * height * 4, UNTOUCHED, numpy.float32))

@@ -34,8 +34,6 @@ import light_options  # noqa: E402
 from gltf_file import GltfError, GltfFile  # noqa: E402
 from pictures import difference, read_exr, tone_mapped, write_png  # noqa: E402
 
-DEEP = 128
-
 
 def open_scene(baked, arguments):
     """The scene in Cycles, lit as the bake was; returns its cameras as they are numbered in the file, None for unused ones."""
@@ -75,18 +73,8 @@ def see_through(tree):
 
 def trace(camera, size, samples, threads, path):
     """Radiance by Cycles, and which pixels see a surface."""
-    scene = bpy.context.scene
-    scene.camera = camera
-    scene.render.engine = "CYCLES"
-    scene.render.threads_mode, scene.render.threads = "FIXED", threads
-    settings = scene.cycles
-    settings.device, settings.samples = "CPU", samples
-    settings.use_adaptive_sampling, settings.use_denoising = False, True
-    settings.max_bounces = settings.diffuse_bounces = settings.transmission_bounces = DEEP
-    settings.transparent_max_bounces = 2 * DEEP
-    settings.sample_clamp_direct = settings.sample_clamp_indirect = 0.0
-    settings.blur_glossy = settings.light_sampling_threshold = 0.0
-    settings.pixel_filter_type = "BOX"
+    scene = cycles_bake.set_up(samples, threads)
+    scene.camera, scene.cycles.use_denoising, scene.cycles.pixel_filter_type = camera, True, "BOX"
     scene.render.film_transparent = True
     scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = *size, 100
     scene.render.image_settings.file_format, scene.render.image_settings.color_depth = "OPEN_EXR", "32"
