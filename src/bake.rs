@@ -285,7 +285,7 @@ fn results(
     let maps = if finished.is_empty() { vec![lightmap.clone(); usize::from(settings.light_groups)] } else { finished };
     let vectors = solution.halves.light_vectors();
     write::Results {
-        directional: directional::textures(setup, &vectors, &lightmap, factor, stitcher.as_ref(), progress),
+        directional: directional::textures(setup, &vectors, &lightmap, factor, stitcher.as_ref()),
         groups: groups.iter().zip(maps).map(|(group, map)| (group.name.clone(), map)).collect(),
         aovs: layers::layers(setup, atlas.pages, solution, factor, &finish),
         steps: [step_before, seams.steps(setup.patches, &lightmap)],

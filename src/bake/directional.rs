@@ -15,7 +15,7 @@
 use super::on_pages;
 use super::solve::Setup;
 use crate::base::color::luminance;
-use crate::base::{LightVector, Progress, Rgb, parallel};
+use crate::base::{LightVector, Rgb, parallel};
 use crate::finish::{Lightmap, Page};
 use crate::output::directional::Texture;
 use crate::patches::PatchSurface;
@@ -30,7 +30,6 @@ pub(super) fn textures(
     lightmap: &Lightmap,
     factor: f32,
     stitcher: Option<&Stitcher>,
-    progress: &Progress,
 ) -> Vec<(Texture, Lightmap)> {
     if setup.settings.directional == Directional::None {
         return vec![];
@@ -40,7 +39,7 @@ pub(super) fn textures(
         let values: Vec<Rgb> = vectors.iter().map(part).collect();
         let mut map = on_pages(setup, pages, &values, factor);
         if let Some(stitcher) = stitcher {
-            stitcher.stitch_signed(&mut map, progress);
+            stitcher.stitch_signed(&mut map);
         }
         map
     };

@@ -5,6 +5,7 @@
 //! multiply-add.
 
 pub mod bilinear;
+pub mod cholesky;
 pub mod color;
 pub mod distribution;
 pub mod exr_tiles;
@@ -18,6 +19,7 @@ pub mod plane;
 pub mod progress;
 pub mod random;
 pub mod sets;
+pub mod sparse;
 pub mod splice;
 pub mod warning;
 pub mod warp;
@@ -29,4 +31,5 @@ pub use memory_limit::MemoryLimit;
 pub use progress::Progress;
 pub use random::Stream;
 pub use sets::Sets;
+pub use sparse::Sparse;
 pub use warning::{Warned, Warning};

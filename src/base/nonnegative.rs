@@ -1,18 +1,23 @@
-//! Least squares with x ≥ 0: conjugate gradients on the unknowns that are free, and rounds that fix and free them.
+//! Least squares with x ≥ 0: rounds that solve for the unknowns that are free, and fix and free them.
 //!
-//! In: [`Equations`], symmetric and positive. Out: values by unknown. Of each channel by itself: unknowns that come out
+//! In: a matrix, symmetric and positive. Out: values by unknown. Of each channel by itself: unknowns that come out
 //! negative are fixed at zero, the rest is solved again, and unknowns at zero that want to grow are freed, until
 //! nothing changes. That is the active-set method of Portugal, Júdice, Vicente, "A comparison of block pivoting and
 //! interior-point algorithms for linear least squares problems with nonnegative variables", Math. Comp. 63, 1994, with
-//! a limit on rounds in place of their safeguard: the last solution is cut at zero in any case. The first rounds are
-//! solved roughly ([`ROUGH`]): they find most of what is fixed, and no digit of them stays.
+//! a limit on rounds in place of their safeguard: the last solution is cut at zero in any case.
 //!
-//! Preconditioned by the diagonal; a mass matrix then has a condition that does not grow with the mesh, so the number of
-//! steps hardly depends on its size. Sums are taken in fixed chunks: the same bits at any thread count.
+//! [`solve`] takes conjugate gradients, preconditioned by the diagonal: a mass matrix then has a condition that does not
+//! grow with the mesh, so the number of steps hardly depends on its size. Its first rounds are solved roughly ([`ROUGH`]):
+//! they find most of what is fixed, and no digit of them stays. [`solve_by`] takes a factor, for matrices that are stiff
+//! and sparse: equations of seams, whose condition is 10⁶, left steps of 82 % on a scan of 346,944 triangles after 400
+//! gradients a round and 223 s; their factor has 1.5 times the entries of the matrix, and leaves 3.2 % after 20 s.
+//! Sums are taken in fixed chunks: the same bits at any thread count.
 //!
 //! Symbols: r residual b − A x; z = r/diagonal; p direction; a step.
 
 use super::Progress;
+use super::Sparse;
+use super::cholesky::Factor;
 use super::parallel;
 use glam::BVec3;
 use glam::DVec3;
@@ -21,33 +26,21 @@ use glam::DVec3;
 const MOST_STEPS: usize = 400;
 /// Rounds of fixing and freeing. Most scenes need 3 to 7.
 const MOST_ROUNDS: usize = 16;
+/// The same by a factor. Seams take up to 20; after 4, steps of a small prop are 28 times as large.
+const MOST_EXACT: usize = 32;
 /// Residual of the first rounds, as a multiple of the last one's. Much larger: wrong ones are fixed, and not all are freed
 /// again; smaller: steps that the next round does again.
 const ROUGH: f64 = 10.0;
 
-/// The symmetric matrix of a least squares problem.
-pub trait Equations: Sync {
-    /// Matrix times x, the same bits at any thread count.
-    fn times(&self, x: &[DVec3]) -> Vec<DVec3>;
-    /// Diagonal of the matrix, ≥ 0.
-    fn diagonal(&self) -> &[f64];
-}
-
 /// Values that fit a right-hand side best, none of them negative, found from `x` on. A channel is solved when its residual
 /// is `close` times the right-hand side, both in the norm of the preconditioner. Cancelled, it returns what it has.
 #[must_use]
-pub fn solve(
-    system: &impl Equations,
-    load: &[DVec3],
-    mut x: Vec<DVec3>,
-    close: f64,
-    progress: &Progress,
-) -> Vec<DVec3> {
+pub fn solve(matrix: &Sparse, load: &[DVec3], mut x: Vec<DVec3>, close: f64, progress: &Progress) -> Vec<DVec3> {
     let mut free = vec![BVec3::TRUE; x.len()];
     let mut enough = ROUGH * close;
     for _ in 0..MOST_ROUNDS {
-        conjugate_gradients(system, load, &mut x, &free, enough, progress);
-        let changed = pivot(system, load, &mut x, &mut free, enough);
+        conjugate_gradients(matrix, load, &mut x, &free, enough, progress);
+        let changed = pivot(matrix, load, &mut x, &mut free, enough);
         if progress.cancelled() || (!changed && enough <= close) {
             break;
         }
@@ -58,23 +51,34 @@ pub fn solve(
     x.into_iter().map(|v| v.max(DVec3::ZERO)).collect()
 }
 
-/// [`solve`] for values that may have either sign.
+/// [`solve`] by the matrix' factor, of one channel. What is smaller than `close` times the typical value counts as none.
 #[must_use]
-pub fn solve_signed(
-    system: &impl Equations,
-    load: &[DVec3],
-    mut x: Vec<DVec3>,
-    close: f64,
-    progress: &Progress,
-) -> Vec<DVec3> {
-    let free = vec![BVec3::TRUE; x.len()];
-    conjugate_gradients(system, load, &mut x, &free, close, progress);
-    x
+pub fn solve_by(factor: &Factor, matrix: &Sparse, load: &[f64], close: f64, progress: &Progress) -> Vec<f64> {
+    let (n, mut factor) = (load.len(), factor.clone());
+    let mut free = vec![true; n];
+    let mut x = factor.solve(load);
+    for _ in 0..MOST_EXACT {
+        let [least, tolerance] = [&x, load].map(|values| close * root_mean_square(values));
+        let product = matrix.times(&x);
+        let wrong = |i: usize| if free[i] { x[i] < -least } else { load[i] - product[i] > tolerance };
+        let changed: Vec<u32> = (0..n).filter(|&i| wrong(i)).map(|i| i as u32).collect();
+        changed.iter().for_each(|&i| free[i as usize] = !free[i as usize]);
+        if changed.is_empty() || progress.cancelled() || !factor.change(matrix, &changed, |i| !free[i]) {
+            break;
+        }
+        let only_free: Vec<f64> = (0..n).map(|i| if free[i] { load[i] } else { 0.0 }).collect();
+        x = factor.solve(&only_free);
+    }
+    x.into_iter().map(|v| v.max(0.0)).collect()
+}
+
+fn root_mean_square(values: &[f64]) -> f64 {
+    (values.iter().fold(0.0, |sum, v| sum + v * v) / values.len().max(1) as f64).sqrt()
 }
 
 /// Fixes what is negative, frees what wants to grow; whether there was any.
-fn pivot(system: &impl Equations, load: &[DVec3], x: &mut [DVec3], free: &mut [BVec3], close: f64) -> bool {
-    let product = system.times(x);
+fn pivot(matrix: &Sparse, load: &[DVec3], x: &mut [DVec3], free: &mut [BVec3], close: f64) -> bool {
+    let product = matrix.times(x);
     let mut changed = false;
     for (i, (x, free)) in x.iter_mut().zip(free).enumerate() {
         let negative = x.cmplt(DVec3::ZERO) & *free;
@@ -89,7 +93,7 @@ fn pivot(system: &impl Equations, load: &[DVec3], x: &mut [DVec3], free: &mut [B
 
 /// Solves for the free unknowns, from the values they have.
 fn conjugate_gradients(
-    system: &impl Equations,
+    matrix: &Sparse,
     load: &[DVec3],
     x: &mut Vec<DVec3>,
     free: &[BVec3],
@@ -97,25 +101,29 @@ fn conjugate_gradients(
     progress: &Progress,
 ) {
     let only_free = |i: usize, v: DVec3| DVec3::select(free[i], v, DVec3::ZERO);
-    let scaled = |i: usize, v: DVec3| if system.diagonal()[i] > 0.0 { v / system.diagonal()[i] } else { DVec3::ZERO };
+    let scaled = |v: DVec3, diagonal: f64| if diagonal > 0.0 { v / diagonal } else { DVec3::ZERO };
     let n = x.len();
-    let product = system.times(x);
+    let inverse = |r: &[DVec3]| parallel::map_light(n, |i| scaled(r[i], matrix.diagonal()[i]));
+    let product = matrix.times(x);
     let mut r = parallel::map_light(n, |i| only_free(i, load[i] - product[i]));
-    let mut p = parallel::map_light(n, |i| scaled(i, r[i]));
-    let mut size = dot(n, |i| r[i] * p[i]);
-    let enough = dot(n, |i| load[i] * scaled(i, load[i])) * close.powi(2);
+    let mut z = inverse(&r);
+    let mut p = parallel::map_light(n, |i| only_free(i, z[i]));
+    let mut size = dot(n, |i| r[i] * z[i]);
+    let whole = inverse(load);
+    let enough = dot(n, |i| load[i] * whole[i]) * close.powi(2);
     for _ in 0..MOST_STEPS {
         if size.cmple(enough).all() || progress.cancelled() {
             return;
         }
-        let product = system.times(&p);
-        let curvature = dot(n, |i| only_free(i, p[i] * product[i]));
+        let product = matrix.times(&p);
+        let curvature = dot(n, |i| p[i] * product[i]);
         let a = ratio(size, curvature);
         *x = parallel::map_light(n, |i| x[i] + p[i] * a);
         r = parallel::map_light(n, |i| only_free(i, r[i] - product[i] * a));
-        let next = dot(n, |i| r[i] * scaled(i, r[i]));
+        z = inverse(&r);
+        let next = dot(n, |i| r[i] * z[i]);
         let turn = ratio(next, size);
-        p = parallel::map_light(n, |i| scaled(i, r[i]) + p[i] * turn);
+        p = parallel::map_light(n, |i| only_free(i, z[i]) + p[i] * turn);
         size = next;
     }
 }
@@ -138,39 +146,32 @@ mod tests {
     use proptest::prelude::*;
 
     /// The product of a few rows with themselves, transposed, and a little more on the diagonal: symmetric and positive.
-    #[derive(Debug)]
-    struct Dense {
-        matrix: Vec<Vec<f64>>,
-        diagonal: Vec<f64>,
+    fn matrix(rows: &[Vec<f64>], n: usize) -> Sparse {
+        Sparse::new(n, |i, row| {
+            row.add(i as u32, 0.05);
+            for (j, other) in (0..n).flat_map(|j| rows.iter().map(move |other| (j, other))) {
+                row.add(j as u32, other[i] * other[j]);
+            }
+        })
     }
 
-    impl Dense {
-        fn new(rows: &[Vec<f64>], n: usize) -> Self {
-            let entry = |i: usize, j: usize| {
-                let sum: f64 = rows.iter().map(|row| row[i] * row[j]).sum();
-                sum + if i == j { 0.05 } else { 0.0 }
-            };
-            let matrix: Vec<Vec<f64>> = (0..n).map(|i| (0..n).map(|j| entry(i, j)).collect()).collect();
-            Self { diagonal: (0..n).map(|i| matrix[i][i]).collect(), matrix }
-        }
-    }
-
-    impl Equations for Dense {
-        fn times(&self, x: &[DVec3]) -> Vec<DVec3> {
-            self.matrix.iter().map(|row| row.iter().zip(x).fold(DVec3::ZERO, |sum, (a, x)| sum + *x * *a)).collect()
-        }
-
-        fn diagonal(&self) -> &[f64] {
-            &self.diagonal
-        }
+    /// By the factor, channel by channel.
+    fn by_factor(matrix: &Sparse, load: &[DVec3]) -> Vec<DVec3> {
+        let factor = Factor::new(matrix).unwrap();
+        let channel = |c: usize| {
+            let load: Vec<f64> = load.iter().map(|v| v[c]).collect();
+            solve_by(&factor, matrix, &load, 1e-10, &Progress::default())
+        };
+        let [r, g, b] = [0, 1, 2].map(channel);
+        (0..load.len()).map(|i| DVec3::new(r[i], g[i], b[i])).collect()
     }
 
     prop_compose! {
         fn problem()(n in 1usize..12)(
             rows in prop::collection::vec(prop::collection::vec(-1.0..1.0f64, n), 1..20),
             load in prop::collection::vec(prop::array::uniform3(-1.0..1.0f64), n),
-        ) -> (Dense, Vec<DVec3>) {
-            (Dense::new(&rows, load.len()), load.into_iter().map(DVec3::from_array).collect())
+        ) -> (Sparse, Vec<DVec3>) {
+            (matrix(&rows, load.len()), load.into_iter().map(DVec3::from_array).collect())
         }
     }
 
@@ -178,43 +179,37 @@ mod tests {
         /// What Karush, Kuhn and Tucker ask of the least squares with x ≥ 0: where x > 0 the residual vanishes, at x = 0
         /// nothing wants to grow.
         #[test]
-        fn no_value_can_be_changed_for_the_better((system, load) in problem()) {
-            let x = solve(&system, &load, vec![DVec3::ZERO; load.len()], 1e-10, &Progress::default());
-            let product = system.times(&x);
-            for i in 0..x.len() {
-                for channel in 0..3 {
-                    let (x, residual) = (x[i][channel], load[i][channel] - product[i][channel]);
+        fn no_value_can_be_changed_for_the_better((matrix, load) in problem()) {
+            let by_gradients = solve(&matrix, &load, vec![DVec3::ZERO; load.len()], 1e-10, &Progress::default());
+            for solution in [by_gradients, by_factor(&matrix, &load)] {
+                let product = matrix.times(&solution);
+                for (i, channel) in (0..load.len()).flat_map(|i| (0..3).map(move |channel| (i, channel))) {
+                    let (x, residual) = (solution[i][channel], load[i][channel] - product[i][channel]);
                     prop_assert!(x >= 0.0);
                     prop_assert!(residual <= 1e-6, "{i} {channel}: at {x} a residual of {residual}");
                     prop_assert!(x < 1e-6 || residual.abs() <= 1e-6, "{i} {channel}: at {x} a residual of {residual}");
                 }
             }
         }
-
-        #[test]
-        fn of_either_sign_nothing_is_left((system, load) in problem()) {
-            let x = solve_signed(&system, &load, load.clone(), 1e-10, &Progress::default());
-            for (product, load) in system.times(&x).iter().zip(&load) {
-                prop_assert!((*product - *load).abs().max_element() <= 1e-6);
-            }
-        }
     }
 
     #[test]
     fn a_known_solution_is_kept_and_nothing_of_nothing() {
-        let system = Dense::new(&[vec![1.0, -2.0], vec![0.5, 1.0]], 2);
         let known = vec![DVec3::new(1.0, 0.0, 2.0), DVec3::new(0.5, 3.0, 0.0)];
-        let found = solve(&system, &system.times(&known), known.clone(), 1e-12, &Progress::default());
-        assert!(found.iter().zip(&known).all(|(a, b)| (*a - *b).abs().max_element() < 1e-9), "{found:?}");
-        assert!(solve(&Dense::new(&[], 0), &[], vec![], 1e-6, &Progress::default()).is_empty());
+        let (two, none) = (matrix(&[vec![1.0, -2.0], vec![0.5, 1.0]], 2), matrix(&[], 0));
+        let load = two.times(&known);
+        for found in [solve(&two, &load, known.clone(), 1e-12, &Progress::default()), by_factor(&two, &load)] {
+            assert!(found.iter().zip(&known).all(|(a, b)| (*a - *b).abs().max_element() < 1e-9), "{found:?}");
+        }
+        assert!(solve(&none, &[], vec![], 1e-6, &Progress::default()).is_empty() && by_factor(&none, &[]).is_empty());
     }
 
     #[test]
     fn cancelled_it_ends_with_what_it_has() {
         let progress = Progress::default();
         progress.cancel();
-        let system = Dense::new(&[vec![1.0, 0.3]], 2);
         let start = vec![DVec3::ONE, -DVec3::ONE];
-        assert_eq!(solve(&system, &[DVec3::ONE; 2], start, 1e-6, &progress), [DVec3::ONE, DVec3::ZERO]);
+        let found = solve(&matrix(&[vec![1.0, 0.3]], 2), &[DVec3::ONE; 2], start, 1e-6, &progress);
+        assert_eq!(found, [DVec3::ONE, DVec3::ZERO]);
     }
 }

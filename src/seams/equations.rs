@@ -22,12 +22,16 @@
 //! weight and no rounds; its steps (99.9 %) are then 74, 1.6, 1.2, 0.9, 1.0 %, those of a lumpy body 190, 4.6, 2.3, 1.2,
 //! 1.3 %.
 //!
-//! Weights come from one lightmap, the guide, solved for without the least, so that lightmaps that add up to it still do when all of them are stitched,
-//! within 0.2 % and as far as no texel has to be kept from getting too dark.
+//! Weights come from one lightmap, the guide, solved for without the least, so that lightmaps that add up to it still do
+//! when all of them are stitched, within 0.2 % and as far as no texel has to be kept from getting too dark.
+//!
+//! Seams are lines, so the matrix has a sparse factor (`base::cholesky`): equations are solved exactly.
 
 use crate::base::Progress;
 use crate::base::Rgb;
 use crate::base::Sets;
+use crate::base::Sparse;
+use crate::base::cholesky::Factor;
 use crate::base::nonnegative;
 use crate::base::parallel;
 use crate::finish::Lightmap;
@@ -35,7 +39,6 @@ use crate::patches::Patches;
 use core::ops::Range;
 use glam::DVec3;
 use glam::Vec2;
-use glam::Vec3;
 
 /// Weight of a texel's length of seam, against that of a whole texel's light.
 const STITCH: f64 = 100.0;
@@ -63,8 +66,7 @@ const ROUNDS: usize = 3;
 /// per metre were 9.4 % off for its seams, instead of 4.5 %, where lamps hang nearer to walls than texels are wide.
 const MOST_TIMES: f64 = 5.0;
 
-/// Residual of the solution, relative to the light: a fifth of what half floats keep. With a tenth of it, a scan of 348,503
-/// triangles took 37 instead of 14 s, and its rounds ended before all was right that is fixed: steps of 8.6 instead of 5.2 %.
+/// What counts as none, relative to the light: a fifth of what half floats keep.
 const CLOSE: f64 = 1e-4;
 
 /// The texels of a bilinear look-up.
@@ -107,6 +109,11 @@ struct Demand {
 }
 
 impl Demand {
+    /// Unknowns that it depends on, with their factors.
+    fn used(&self) -> impl Iterator<Item = (u32, f32)> + '_ {
+        self.texel.into_iter().zip(self.factor).filter(|(_, factor)| *factor != 0.0)
+    }
+
     /// The sum, or some terms of it, of these unknowns.
     fn sum(&self, terms: Range<usize>, x: &[DVec3]) -> DVec3 {
         terms.fold(DVec3::ZERO, |sum, k| sum + x[self.texel[k] as usize] * f64::from(self.factor[k]))
@@ -121,9 +128,9 @@ pub(super) struct Equations {
     first: Vec<usize>,
     /// Weight of what each unknown holds.
     keep: Vec<f64>,
-    diagonal: Vec<f64>,
-    /// What the guide's unknowns become about, over what they hold: a guess for other light.
-    gain: Vec<Vec3>,
+    matrix: Sparse,
+    /// `None` where light is not a number: nothing is changed.
+    factor: Option<Factor>,
     /// Texel of each unknown, ascending.
     texels: Vec<u32>,
 }
@@ -230,16 +237,22 @@ impl Equations {
         let numbered = |d: &Demand| Demand { texel: d.texel.map(unknown), goal: goal(d.goal), ..d.clone() };
         let demands: Vec<Demand> = demands.iter().map(numbered).collect();
         let (first, around) = transpose(&demands, texels.len());
-        let mut equations = Self { demands, around, first, diagonal: vec![], gain: vec![], keep, texels };
-        equations.diagonal = equations.squares();
+        let matrix = Sparse::default();
+        let mut equations = Self { demands, around, first, matrix, factor: None, keep, texels };
+        equations.matrix = equations.squares();
+        equations.factor = Factor::new(&equations.matrix);
         equations
     }
 
-    /// Its diagonal.
-    fn squares(&self) -> Vec<f64> {
-        parallel::map_light(self.keep.len(), |i| {
-            let square = |(d, factor): (&Demand, f64)| d.weight * factor * factor;
-            self.around(i).map(square).fold(self.keep[i], |a, b| a + b)
+    /// The matrix: squares of what is asked, by weight.
+    fn squares(&self) -> Sparse {
+        Sparse::new(self.keep.len(), |i, row| {
+            row.add(i as u32, self.keep[i]);
+            for (demand, factor) in self.around(i) {
+                for (unknown, other) in demand.used() {
+                    row.add(unknown, demand.weight * factor * f64::from(other));
+                }
+            }
         })
     }
 
@@ -251,9 +264,7 @@ impl Equations {
 
     /// Texels along seams, with what they should hold.
     pub(super) fn solve(&self, lightmap: &Lightmap, progress: &Progress) -> Vec<(u32, Rgb)> {
-        let held = self.held(lightmap);
-        let guess: Vec<DVec3> = held.iter().zip(&self.gain).map(|(x, gain)| *x * gain.as_dvec3()).collect();
-        let values = self.solved(&held, &guess, progress);
+        let values = self.solved(&self.held(lightmap), progress);
         self.texels.iter().copied().zip(values.into_iter().map(|v| v.as_vec3())).collect()
     }
 
@@ -262,33 +273,35 @@ impl Equations {
         self.texels.iter().map(|&t| light(lightmap, t).as_dvec3().max(DVec3::ZERO)).collect()
     }
 
-    /// The unknowns for what they hold, found from `guess` on.
-    fn solved(&self, start: &[DVec3], guess: &[DVec3], progress: &Progress) -> Vec<DVec3> {
-        let load = self.load(start);
-        // Solved for what is above the least.
-        let least = parallel::map_light(start.len(), |i| start[i] * LEAST);
-        let below = nonnegative::Equations::times(self, &least);
-        let load = parallel::map_light(start.len(), |i| load[i] - below[i]);
-        let above = guess.iter().zip(&least).map(|(x, least)| *x - *least).collect();
-        let above = nonnegative::solve(self, &load, above, CLOSE, progress);
-        least.iter().zip(above).map(|(least, above)| *least + above).collect()
+    /// The unknowns for what they hold.
+    fn solved(&self, held: &[DVec3], progress: &Progress) -> Vec<DVec3> {
+        let Some(factor) = &self.factor else { return held.to_vec() };
+        let load = self.load(held);
+        let channels = parallel::map(3, |c| {
+            // Solved for what is above the least.
+            let least: Vec<f64> = held.iter().map(|v| v[c] * LEAST).collect();
+            let below = self.matrix.times(&least);
+            let load: Vec<f64> = load.iter().zip(below).map(|(load, below)| load[c] - below).collect();
+            let above = nonnegative::solve_by(factor, &self.matrix, &load, CLOSE, progress);
+            least.iter().zip(above).map(|(least, above)| least + above).collect::<Vec<f64>>()
+        });
+        (0..held.len()).map(|i| DVec3::from_array(core::array::from_fn(|c| channels[c][i]))).collect()
     }
 
     /// Gives rows more weight whose sides still differ by more than [`TARGET`].
     fn balance(&mut self, guide: &Lightmap, floor: f64, progress: &Progress) {
         let start = self.held(guide);
         let most: Vec<f64> = self.demands.iter().map(|d| d.weight * MOST_TIMES).collect();
-        let mut x = start.clone();
         for _ in 0..ROUNDS {
-            x = self.solved_signed(&start, x, progress);
+            let x = self.solved_signed(&start);
             if progress.cancelled() || !self.strengthen(&x, floor, &most) {
                 break;
             }
-            self.diagonal = self.squares();
+            self.matrix = self.squares();
+            if let Some(mut factor) = self.factor.take() {
+                self.factor = factor.renew(&self.matrix).then_some(factor);
+            }
         }
-        let gain =
-            |(x, held): (&DVec3, &DVec3)| DVec3::select(held.cmpgt(DVec3::ZERO), *x / *held, DVec3::ONE).as_vec3();
-        self.gain = x.iter().zip(&start).map(gain).collect();
     }
 
     /// Weights of rows whose sides differ too much, times how much too much, up to a limit. Whether any changed.
@@ -306,15 +319,15 @@ impl Equations {
     }
 
     /// The same without a least.
-    pub(super) fn solve_signed(&self, lightmap: &Lightmap, progress: &Progress) -> Vec<(u32, Rgb)> {
-        let start: Vec<DVec3> = self.texels.iter().map(|&t| light(lightmap, t).as_dvec3()).collect();
-        let values = self.solved_signed(&start, start.clone(), progress);
+    pub(super) fn solve_signed(&self, lightmap: &Lightmap) -> Vec<(u32, Rgb)> {
+        let held: Vec<DVec3> = self.texels.iter().map(|&t| light(lightmap, t).as_dvec3()).collect();
+        let values = self.solved_signed(&held);
         self.texels.iter().copied().zip(values.into_iter().map(|v| v.as_vec3())).collect()
     }
 
-    /// The unknowns for what they hold, of either sign, found from `guess` on.
-    fn solved_signed(&self, start: &[DVec3], guess: Vec<DVec3>, progress: &Progress) -> Vec<DVec3> {
-        nonnegative::solve_signed(self, &self.load(start), guess, CLOSE, progress)
+    /// The unknowns for what they hold, of either sign.
+    fn solved_signed(&self, held: &[DVec3]) -> Vec<DVec3> {
+        self.factor.as_ref().map_or_else(|| held.to_vec(), |factor| factor.solve(&self.load(held)))
     }
 
     /// The right-hand side, for what the texels hold.
@@ -335,24 +348,6 @@ impl Equations {
 pub(super) fn set(lightmap: &mut Lightmap, texel: u32, light: Rgb) {
     let (page, pixel) = split(lightmap, texel);
     lightmap.pages[page].pixels[pixel][..3].copy_from_slice(&light.to_array());
-}
-
-impl nonnegative::Equations for Equations {
-    fn times(&self, x: &[DVec3]) -> Vec<DVec3> {
-        let sums = parallel::map_light(self.demands.len(), |r| {
-            let d = &self.demands[r];
-            d.sum(0..8, x) * d.weight
-        });
-        parallel::map_light(x.len(), |i| {
-            let around = &self.around[self.first[i]..self.first[i + 1]];
-            let pulls = around.iter().map(|&(d, factor)| sums[d as usize] * f64::from(factor));
-            pulls.fold(x[i] * self.keep[i], |a, b| a + b)
-        })
-    }
-
-    fn diagonal(&self) -> &[f64] {
-        &self.diagonal
-    }
 }
 
 fn sort(texels: &mut Vec<u32>) {
@@ -452,13 +447,12 @@ fn patches_around(patches: &Patches, texel: u32) -> impl Iterator<Item = usize> 
 
 /// Demands and factors in them by unknown.
 fn transpose(demands: &[Demand], count: usize) -> (Vec<usize>, Vec<(u32, f32)>) {
-    let used = |d: &Demand| d.texel.into_iter().zip(d.factor).filter(|(_, factor)| *factor != 0.0);
     let mut first = vec![0; count + 1];
-    demands.iter().flat_map(used).for_each(|(u, _)| first[u as usize + 1] += 1);
+    demands.iter().flat_map(Demand::used).for_each(|(u, _)| first[u as usize + 1] += 1);
     (0..count).for_each(|i| first[i + 1] += first[i]);
     let (mut next, mut around) = (first.clone(), vec![(0, 0.0); first[count]]);
     for (d, demand) in (0..).zip(demands) {
-        for (u, factor) in used(demand) {
+        for (u, factor) in demand.used() {
             around[next[u as usize]] = (d, factor);
             next[u as usize] += 1;
         }

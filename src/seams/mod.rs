@@ -94,8 +94,8 @@ impl Stitcher {
     }
 
     /// The same for values that may have either sign, as long as they change with the light.
-    pub fn stitch_signed(&self, lightmap: &mut Lightmap, progress: &Progress) {
-        let parts = parallel::map(self.0.len(), |p| self.0[p].solve_signed(lightmap, progress));
+    pub fn stitch_signed(&self, lightmap: &mut Lightmap) {
+        let parts = parallel::map(self.0.len(), |p| self.0[p].solve_signed(lightmap));
         for (texel, value) in parts.into_iter().flatten() {
             equations::set(lightmap, texel, value);
         }

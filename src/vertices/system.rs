@@ -16,8 +16,10 @@ use super::mesh::Mesh;
 use super::quadrature::Field;
 use super::weld;
 use crate::base::Progress;
+use crate::base::Sparse;
 use crate::base::nonnegative;
 use crate::base::parallel;
+use crate::base::sparse::Row;
 use glam::DVec3;
 
 /// Larger: light under furniture is pulled into the open; smaller: more steps of the solver.
@@ -48,10 +50,7 @@ pub(super) struct System {
     /// Unknowns of each triangle's corners.
     corners: Vec<[u32; 3]>,
     locals: Vec<Local>,
-    first: Vec<usize>,
-    columns: Vec<u32>,
-    entries: Vec<f64>,
-    diagonal: Vec<f64>,
+    matrix: Sparse,
     load: Vec<DVec3>,
     /// ∫ φᵢ [m²].
     mass: Vec<f64>,
@@ -79,54 +78,31 @@ impl System {
             unknown,
             corners,
             locals,
-            first: vec![0],
-            columns: vec![],
-            entries: vec![],
-            diagonal: vec![0.0; count],
+            matrix: Sparse::default(),
         };
-        let rows = parallel::map_light(count, |i| system.row(i, mesh, &around, &hinged, &hinges));
-        for (i, row) in rows.into_iter().enumerate() {
-            for (column, entry) in row {
-                if column as usize == i {
-                    system.diagonal[i] = entry;
-                }
-                system.columns.push(column);
-                system.entries.push(entry);
-            }
-            system.first.push(system.columns.len());
-        }
+        system.matrix = Sparse::new(count, |i, row| system.fill(row, i, mesh, &around, &hinged, &hinges));
         system
     }
 
-    /// Columns and entries of one row, ascending.
-    fn row(&self, i: usize, mesh: &Mesh, around: &Around, hinged: &Around, hinges: &[Hinge]) -> Vec<(u32, f64)> {
-        let mut terms: Vec<(u32, f64)> = vec![];
+    /// One row of the matrix.
+    fn fill(&self, row: &mut Row, i: usize, mesh: &Mesh, around: &Around, hinged: &Around, hinges: &[Hinge]) {
         for (e, k) in around.of(i) {
             let local = &self.locals[e];
             let pull = pull(&mesh.elements[e], local);
             for j in 0..3 {
                 let fill = if j == k { 2.0 * pull } else { -pull };
-                terms.push((self.corners[e][j], local.mass[pair(k, j)] + fill));
+                row.add(self.corners[e][j], local.mass[pair(k, j)] + fill);
             }
         }
         for (h, k) in hinged.of(i) {
             let Hinge { unknowns, weights } = &hinges[h];
-            terms.extend(unknowns.iter().zip(weights).map(|(&u, w)| (u, weights[k] * w)));
+            unknowns.iter().zip(weights).for_each(|(&u, w)| row.add(u, weights[k] * w));
         }
-        terms.sort_by_key(|(column, _)| *column);
-        let mut row: Vec<(u32, f64)> = vec![];
-        for (column, entry) in terms {
-            match row.last_mut().filter(|last| last.0 == column) {
-                Some(last) => last.1 += entry,
-                None => row.push((column, entry)),
-            }
-        }
-        row
     }
 
     /// The values that fit best.
     pub(super) fn solve(&self, progress: &Progress) -> Vec<DVec3> {
-        nonnegative::solve(self, &self.load, self.weighted(), CLOSE, progress)
+        nonnegative::solve(&self.matrix, &self.load, self.weighted(), CLOSE, progress)
     }
 
     /// b/∫φ: mean light around each unknown, weighted by its hat function; zero where nothing is exposed.
@@ -171,20 +147,6 @@ impl System {
         let light = self.load.iter().fold(DVec3::ZERO, |a, b| a + *b).element_sum() / 3.0;
         let area = self.mass.iter().fold(0.0, |a, b| a + b);
         if light > 0.0 { (error / 3.0 * area).max(0.0).sqrt() / light } else { 0.0 }
-    }
-}
-
-impl nonnegative::Equations for System {
-    fn times(&self, x: &[DVec3]) -> Vec<DVec3> {
-        parallel::map_light(x.len(), |i| {
-            let range = self.first[i]..self.first[i + 1];
-            let terms = self.columns[range.clone()].iter().zip(&self.entries[range]);
-            terms.fold(DVec3::ZERO, |sum, (&column, &entry)| sum + x[column as usize] * entry)
-        })
-    }
-
-    fn diagonal(&self) -> &[f64] {
-        &self.diagonal
     }
 }
 
