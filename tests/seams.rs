@@ -164,6 +164,34 @@ fn texels_hardly_change_and_only_along_seams() {
     assert!(most < 0.02, "{most}");
 }
 
+#[test]
+fn light_does_not_run_along_seams_into_the_dark() {
+    for (name, triangles) in [("sphere", blob(12, 0.0)), ("body", blob(16, 0.1)), ("torus", torus())] {
+        let scene = smooth(&place(&triangles, skew(), 2.0, DVec3::ZERO));
+        let stage = Stage::new(&scene, 16.0);
+        let seams = Seams::new(&stage.tracer, &stage.atlas, &stage.patches, &Progress::default());
+        // Stripes of light, without any between them.
+        let stripe = |p: Vec3| if libm::sinf(4.0 * p.x) > 0.0 { 1.0 } else { 0.0 };
+        let mut lightmap = painted(&stage, |p, _| Rgb::splat(stripe(p)));
+        let mean = lightmap.pixels().map(|p| p[0] * p[3]).sum::<f32>() / stage.patches.front as f32;
+        seams
+            .stitcher(&stage.patches, &lightmap, &Progress::default())
+            .unwrap()
+            .stitch(&mut lightmap, &Progress::default());
+        let patches = &stage.patches;
+        let pixels: Vec<&[f32; 4]> = lightmap.pixels().collect();
+        let dark = |i: &usize| {
+            let place = patches.position[*i];
+            let around = [-3.0, 0.0, 3.0].map(|texels| stripe(place + Vec3::X * (texels / 16.0)));
+            patches.exposed[*i] > 0.0 && around == [0.0; 3]
+        };
+        let lit = (0..patches.front).filter(dark).map(|i| pixels[patches.texel[i] as usize][0]);
+        let most = lit.fold(0.0, f32::max) / mean;
+        eprintln!("{name}: {:.4} of the mean", most);
+        assert!(most < 0.02, "{name}: {most}");
+    }
+}
+
 trait Pixels {
     fn pixels(&self) -> impl Iterator<Item = &[f32; 4]>;
 }
