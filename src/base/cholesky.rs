@@ -78,19 +78,12 @@ impl Pattern {
     /// The elimination tree, and in `first`, one behind, how many entries each column has.
     fn grow(&mut self, matrix: &Sparse) {
         let root = self.order.len() as u32;
-        let mut seen = vec![root; self.order.len()];
+        let mut path = Path::new(self.order.len());
         for k in 0..root {
-            seen[k as usize] = k;
-            for (column, _) in matrix.row(self.order[k as usize] as usize) {
-                let mut i = self.place[column as usize] as usize;
-                while i < k as usize && seen[i] != k {
-                    seen[i] = k;
-                    self.first[i + 1] += 1;
-                    if self.parent[i] == root {
-                        self.parent[i] = k;
-                    }
-                    i = self.parent[i] as usize;
-                }
+            path.climb(self, matrix, k);
+            for &i in &path.columns {
+                self.first[i as usize + 1] += 1;
+                self.parent[i as usize] = self.parent[i as usize].min(k);
             }
         }
     }
@@ -101,7 +94,7 @@ impl Path {
         Self { columns: vec![], stretches: vec![], seen: vec![n as u32; n] }
     }
 
-    /// Finds the columns of row k.
+    /// Finds the columns of row k, whose tree has to be known below k only.
     fn climb(&mut self, pattern: &Pattern, matrix: &Sparse, k: u32) {
         self.columns.clear();
         self.stretches.clear();
@@ -112,7 +105,7 @@ impl Path {
                 continue;
             }
             self.stretches.push(self.columns.len());
-            while self.seen[i as usize] != k {
+            while i < k && self.seen[i as usize] != k {
                 self.seen[i as usize] = k;
                 self.columns.push(i);
                 i = pattern.parent[i as usize];

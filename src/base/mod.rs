@@ -4,6 +4,7 @@
 //! transcendental functions come from `libm` (pure Rust), never from the platform's C library, and nothing uses fused
 //! multiply-add.
 
+pub mod around;
 pub mod bilinear;
 pub mod cholesky;
 pub mod color;
@@ -24,6 +25,7 @@ pub mod splice;
 pub mod warning;
 pub mod warp;
 
+pub use around::Around;
 pub use color::Rgb;
 pub use frame::Frame;
 pub use light_vector::LightVector;

@@ -27,6 +27,7 @@
 //!
 //! Seams are lines, so the matrix has a sparse factor (`base::cholesky`): equations are solved exactly.
 
+use crate::base::Around;
 use crate::base::Progress;
 use crate::base::Rgb;
 use crate::base::Sets;
@@ -134,8 +135,7 @@ impl Demand {
 pub(super) struct Equations {
     demands: Vec<Demand>,
     /// Demands of each unknown, and its factor in them.
-    around: Vec<(u32, f32)>,
-    first: Vec<usize>,
+    around: Around<f32>,
     /// Weight of what each unknown holds.
     keep: Vec<f64>,
     matrix: Sparse,
@@ -249,9 +249,9 @@ impl Equations {
         let goal = |goal: Goal| if let Goal::Like(texel) = goal { Goal::Like(unknown(texel)) } else { goal };
         let numbered = |d: &Demand| Demand { texel: d.texel.map(unknown), goal: goal(d.goal), ..d.clone() };
         let demands: Vec<Demand> = demands.iter().map(numbered).collect();
-        let (first, around) = transpose(&demands, texels.len());
+        let around = Around::new(texels.len(), demands.iter().map(Demand::used));
         let matrix = Sparse::default();
-        let mut equations = Self { demands, around, first, matrix, factor: None, keep, texels };
+        let mut equations = Self { demands, around, matrix, factor: None, keep, texels };
         equations.matrix = equations.squares();
         equations.factor = Factor::new(&equations.matrix);
         equations
@@ -271,8 +271,7 @@ impl Equations {
 
     /// Demands that an unknown is part of, with its factor.
     fn around(&self, i: usize) -> impl Iterator<Item = (&Demand, f64)> + '_ {
-        let around = &self.around[self.first[i]..self.first[i + 1]];
-        around.iter().map(|&(d, factor)| (&self.demands[d as usize], f64::from(factor)))
+        self.around.of(i).map(|(d, factor)| (&self.demands[d], f64::from(factor)))
     }
 
     /// Texels along seams, with what they should hold.
@@ -492,19 +491,4 @@ fn patches_around(patches: &Patches, texel: u32) -> impl Iterator<Item = usize> 
     let [width, height] = patches.page_size;
     let (page, x, y) = (texel / (width * height), (texel % width) as i32, (texel / width % height) as i32);
     (0..9).filter_map(move |k| patches.front_at(page, x + k % 3 - 1, y + k / 3 - 1))
-}
-
-/// Demands and factors in them by unknown.
-fn transpose(demands: &[Demand], count: usize) -> (Vec<usize>, Vec<(u32, f32)>) {
-    let mut first = vec![0; count + 1];
-    demands.iter().flat_map(Demand::used).for_each(|(u, _)| first[u as usize + 1] += 1);
-    (0..count).for_each(|i| first[i + 1] += first[i]);
-    let (mut next, mut around) = (first.clone(), vec![(0, 0.0); first[count]]);
-    for (d, demand) in (0..).zip(demands) {
-        for (u, factor) in demand.used() {
-            around[next[u as usize]] = (d, factor);
-            next[u as usize] += 1;
-        }
-    }
-    (first, around)
 }

@@ -15,6 +15,7 @@ use super::mesh::Element;
 use super::mesh::Mesh;
 use super::quadrature::Field;
 use super::weld;
+use crate::base::Around;
 use crate::base::Progress;
 use crate::base::Sparse;
 use crate::base::nonnegative;
@@ -68,12 +69,16 @@ impl System {
             known.unwrap_or_else(|| integrals(&mesh.elements[e], field))
         });
         let hinges = hinges(mesh, &unknown);
-        let around = Around::new(count, corners.iter().map(<[u32; 3]>::as_slice));
-        let hinged = Around::new(count, hinges.iter().map(|h| h.unknowns.as_slice()));
+        let around = Around::new(count, corners.iter().map(|c| c.iter().copied().zip(0..)));
+        let hinged = Around::new(count, hinges.iter().map(|h| h.unknowns.iter().copied().zip(0..)));
         let mut system = Self {
-            load: parallel::map_light(count, |i| around.of(i).fold(DVec3::ZERO, |sum, (e, k)| sum + locals[e].load[k])),
+            load: parallel::map_light(count, |i| {
+                around.of(i).fold(DVec3::ZERO, |sum, (e, k)| sum + locals[e].load[usize::from(k)])
+            }),
             mass: parallel::map_light(count, |i| {
-                around.of(i).fold(0.0, |sum, (e, k)| sum + (0..3).fold(0.0, |s, j| s + locals[e].mass[pair(k, j)]))
+                around
+                    .of(i)
+                    .fold(0.0, |sum, (e, k)| sum + (0..3).fold(0.0, |s, j| s + locals[e].mass[pair(k.into(), j)]))
             }),
             unknown,
             corners,
@@ -85,8 +90,8 @@ impl System {
     }
 
     /// One row of the matrix.
-    fn fill(&self, row: &mut Row, i: usize, mesh: &Mesh, around: &Around, hinged: &Around, hinges: &[Hinge]) {
-        for (e, k) in around.of(i) {
+    fn fill(&self, row: &mut Row, i: usize, mesh: &Mesh, around: &Around<u8>, hinged: &Around<u8>, hinges: &[Hinge]) {
+        for (e, k) in around.of(i).map(|(e, k)| (e, usize::from(k))) {
             let local = &self.locals[e];
             let pull = pull(&mesh.elements[e], local);
             for j in 0..3 {
@@ -96,7 +101,7 @@ impl System {
         }
         for (h, k) in hinged.of(i) {
             let Hinge { unknowns, weights } = &hinges[h];
-            unknowns.iter().zip(weights).for_each(|(&u, w)| row.add(u, weights[k] * w));
+            unknowns.iter().zip(weights).for_each(|(&u, w)| row.add(u, weights[usize::from(k)] * w));
         }
     }
 
@@ -191,31 +196,4 @@ fn integrals(element: &Element, field: &Field<'_>) -> Local {
 fn pull(element: &Element, local: &Local) -> f64 {
     let hidden = (element.area - local.area()).max(0.0);
     if element.area > 0.0 { FILL * hidden * hidden / element.area } else { 0.0 }
-}
-
-/// Which things each unknown is part of.
-struct Around {
-    first: Vec<usize>,
-    /// Thing, and the number of the unknown in it.
-    items: Vec<(u32, u8)>,
-}
-
-impl Around {
-    fn new<'a>(count: usize, things: impl Iterator<Item = &'a [u32]> + Clone) -> Self {
-        let mut first = vec![0; count + 1];
-        things.clone().flatten().for_each(|&u| first[u as usize + 1] += 1);
-        (0..count).for_each(|i| first[i + 1] += first[i]);
-        let (mut next, mut items) = (first.clone(), vec![(0, 0); first[count]]);
-        for (thing, unknowns) in (0..).zip(things) {
-            for (k, &u) in (0..).zip(unknowns) {
-                items[next[u as usize]] = (thing, k);
-                next[u as usize] += 1;
-            }
-        }
-        Self { first, items }
-    }
-
-    fn of(&self, i: usize) -> impl Iterator<Item = (usize, usize)> + '_ {
-        self.items[self.first[i]..self.first[i + 1]].iter().map(|&(thing, k)| (thing as usize, usize::from(k)))
-    }
 }
