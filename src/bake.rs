@@ -307,8 +307,8 @@ fn sum(lightmaps: &[Lightmap]) -> Lightmap {
     sum
 }
 
-/// Light without what is less than none: which texels seams may darken no further is found for the sum of the channels,
-/// so that all layers are stitched alike, and a single channel can end just below zero.
+/// Light without what is less than none: flow that takes many steps at once can leave a channel just below it beside a
+/// much brighter texel.
 fn lit(mut lightmap: Lightmap) -> Lightmap {
     for pixel in lightmap.pages.iter_mut().flat_map(|page| &mut page.pixels) {
         (0..3).for_each(|c| pixel[c] = pixel[c].max(0.0));
