@@ -6,9 +6,9 @@
 //! * [`STITCH`] per texel of seam, and more in the dark: the look-ups on the two sides of a row agree. Where they still
 //!   differ by more than [`TARGET`], the row's weight is multiplied by how much too much that is, [`ROUNDS`] times: C. L.
 //!   Lawson's way to the least maximum (Contributions to the Theory of Linear Least Maximum Approximation, 1961), cut short.
-//! * The part of the texel that is exposed surface: a whole texel keeps x₀. One that a chart's border cuts has its light
-//!   at the centroid of its surface: the look-up there gives x₀. (With all held in place instead, pictures of a lumpy
-//!   body at 16 texels per metre were farther off by a twentieth.)
+//! * The part of the texel that is exposed surface, and more beside much brighter ones ([`SHADOW`]): a whole texel keeps
+//!   x₀. One that a chart's border cuts has its light at the centroid of its surface: the look-up there gives x₀. (With
+//!   all held in place instead, pictures of a lumpy body at 16 texels per metre were farther off by a twentieth.)
 //! * [`STRAIGHT`]: what was filled beyond a border continues the two texels before it on a straight line.
 //! * [`FOLLOW`]: where a chart is too narrow for that, it changes as its neighbour does: a texel that came out of its
 //!   noise black and is lit by its seams would have a black rim.
@@ -391,16 +391,15 @@ fn weigh(stitches: &mut [Demand], levels: &[f64], mean: f64) {
 
 /// The brightest of what look-ups read together with each of these texels, or with those, [`REACH`] times.
 fn brightest(rows: &[Row], read: &[u32], guide: &Lightmap) -> Vec<f64> {
-    let texels: Vec<[usize; 8]> = parallel::map_light(rows.len(), |r| {
-        let [a, b] = rows[r].sides.map(|side| side.texel.map(|texel| read.partition_point(|&t| t < texel)));
-        core::array::from_fn(|k| if k < 4 { a[k] } else { b[k - 4] })
-    });
+    let number = |texel: u32| read.partition_point(|&t| t < texel) as u32;
+    let texels = parallel::map_light(rows.len(), |r| rows[r].sides.map(|side| side.texel.map(number)));
     let mut most: Vec<f64> = read.iter().map(|&texel| level(light(guide, texel))).collect();
     for _ in 0..REACH {
         let before = most.clone();
         for row in &texels {
-            let brightest = row.iter().fold(0.0, |most, &i| f64::max(most, before[i]));
-            row.iter().for_each(|&i| most[i] = most[i].max(brightest));
+            let all = || row.iter().flatten().map(|&i| i as usize);
+            let brightest = all().fold(0.0, |most, i| f64::max(most, before[i]));
+            all().for_each(|i| most[i] = most[i].max(brightest));
         }
     }
     most
