@@ -187,7 +187,7 @@ fn light_does_not_run_along_seams_into_the_dark() {
         };
         let lit = (0..patches.front).filter(dark).map(|i| pixels[patches.texel[i] as usize][0]);
         let most = lit.fold(0.0, f32::max) / mean;
-        eprintln!("{name}: {:.4} of the mean", most);
+        eprintln!("{name}: {most:.4} of the mean");
         assert!(most < 0.02, "{name}: {most}");
     }
 }

@@ -9,10 +9,10 @@
 //! [`solve`] takes conjugate gradients, preconditioned by the diagonal: a mass matrix then has a condition that does not
 //! grow with the mesh, so the number of steps hardly depends on its size. Its first rounds are solved roughly ([`ROUGH`]):
 //! they find most of what is fixed, and no digit of them stays. [`solve_by`] takes a factor, for matrices that are stiff
-//! and sparse, as those of seams are, whose weights span six orders of magnitude. On a bumpy surface of 346,944 triangles
-//! gradients took 223 s and left steps of 82 %: even rounds of a small prop would need more than [`MOST_STEPS`]. The factor
-//! has 1.5 times the entries of the matrix, takes 20 s and leaves 3.2 %. Sums are taken in fixed chunks, or in order: the
-//! same bits at any thread count.
+//! and sparse, as those of seams are, whose weights span six orders of magnitude. On a bumpy surface of 346,944 triangles,
+//! without the weights of shadows, gradients took 223 s and left steps of 82 %: even rounds of a small prop would need more
+//! than [`MOST_STEPS`]. The factor has 1.5 times the entries of the matrix, took 20 s and left 3.2 %. Sums are taken in
+//! fixed chunks, or in order: the same bits at any thread count.
 //!
 //! Symbols: r residual b − A x; z = r/diagonal; p direction; a step.
 

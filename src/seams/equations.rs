@@ -19,7 +19,7 @@
 //! weight makes smaller steps, takes light farther from the truth, and shows as ridges across the seam. So most rows have
 //! little, and those that need it more. Look-ups on the seams of a torus, 8 texels per metre, are 5.6 % off unstitched,
 //! 2.0 % with [`STITCH`] alone, 2.3 % with rounds, 2.6 % with rounds that have no limit, 3.4 % with twenty times the
-//! weight and no rounds; its steps (99.9 %) are then 74, 1.6, 1.2, 0.9, 1.0 %, those of a lumpy body 190, 4.6, 2.3, 1.2,
+//! weight and no rounds; its steps (99.9 %) are then 74, 1.6, 1.1, 0.9, 1.0 %, those of a lumpy body 190, 4.6, 2.3, 1.2,
 //! 1.3 %.
 //!
 //! Weights come from one lightmap, the guide, solved for without the least, so that lightmaps that add up to it still do
@@ -59,8 +59,9 @@ const DARK: f64 = 0.2;
 /// shadow's border runs along the seam into it: three texels from hard borders on a sphere, a lumpy body and a torus, 16
 /// texels per metre, up to 10, 9 and 33 % of the mean; with it 0.2, 0.2, 1.1 % (half the reach: 0.6, 0.4, 3.9 %; a limit
 /// of 5: 0.6, 1.7, 9.0 %). Steps in smooth light stay as they are. Beside such borders they grow, relative to what is left
-/// there: on a prop lit by one lamp from 4 to 13 %, in room from 2.2 to 6.2 % (99.9 %), less to see than what ran along
-/// them. With 0.05, pictures of the prop are a little cleaner, but steps of courtyard, 4 texels per metre, 34 % not 26.
+/// there: under one lamp, a prop from 4 to 13 %, a bumpy surface of 346,944 triangles from 3 to 11 % (and from 22 to 27 s);
+/// room from 2.2 to 6.2 % (99.9 %). That is less to see than what ran along them. With 0.05, pictures of the prop are a
+/// little cleaner, but steps of courtyard, 4 texels per metre, 34 % not 26.
 const SHADOW: f64 = 0.03;
 const REACH: usize = 4;
 const MOST_SHADOW: f64 = 15.0;
@@ -191,12 +192,10 @@ pub(super) fn problems(
 ) -> Vec<Equations> {
     let mut read: Vec<u32> = rows.iter().flat_map(|r| r.sides).flat_map(|s| s.texel).collect();
     sort(&mut read);
-    let levels = levels(rows, guide);
-    let mean = levels.iter().fold(0.0, |a, b| a + b) / levels.len().max(1) as f64;
-    let near = brightest(rows, &read, guide);
-    let own = parallel::map_light(read.len(), |i| held(patches, read[i], level(light(guide, read[i])) / near[i]));
+    let shade = shades(rows, &read, guide);
+    let own = parallel::map_light(read.len(), |i| own_in_shade(patches, read[i], shade[i]));
     let mut demands: Vec<Demand> = rows.iter().map(stitch).collect();
-    weigh(&mut demands, &levels, mean);
+    weigh(&mut demands, rows, guide);
     let mut keep: Vec<(u32, f64)> = vec![];
     for (texel, (weight, demand)) in read.iter().zip(own) {
         keep.push((*texel, weight));
@@ -367,21 +366,18 @@ fn sort(texels: &mut Vec<u32>) {
     texels.dedup();
 }
 
-/// Light of a row, mean of both sides.
-fn levels(rows: &[Row], guide: &Lightmap) -> Vec<f64> {
-    let read = |texel: u32| light(guide, texel);
-    parallel::map_light(rows.len(), |r| {
-        let [a, b] = rows[r].sides.map(|side| side.value(read));
-        level((a + b) / 2.0)
-    })
-}
-
 fn level(light: Rgb) -> f64 {
     f64::from(light.element_sum())
 }
 
 /// Steps count for more where there is little light: eyes see ratios.
-fn weigh(stitches: &mut [Demand], levels: &[f64], mean: f64) {
+fn weigh(stitches: &mut [Demand], rows: &[Row], guide: &Lightmap) {
+    let read = |texel: u32| light(guide, texel);
+    let levels = parallel::map_light(rows.len(), |r| {
+        let [a, b] = rows[r].sides.map(|side| side.value(read));
+        level(a + b)
+    });
+    let mean = levels.iter().fold(0.0, |a, b| a + b) / levels.len().max(1) as f64;
     if mean > 0.0 {
         for (stitch, level) in stitches.iter_mut().zip(levels) {
             stitch.weight /= (level / mean).clamp(DARK, 1.0).powi(2);
@@ -389,11 +385,13 @@ fn weigh(stitches: &mut [Demand], levels: &[f64], mean: f64) {
     }
 }
 
-/// The brightest of what look-ups read together with each of these texels, or with those, [`REACH`] times.
-fn brightest(rows: &[Row], read: &[u32], guide: &Lightmap) -> Vec<f64> {
+/// What each of these texels holds, as part of the brightest that look-ups read together with it, or with those, [`REACH`]
+/// times. Not a number where all is black.
+fn shades(rows: &[Row], read: &[u32], guide: &Lightmap) -> Vec<f64> {
     let number = |texel: u32| read.partition_point(|&t| t < texel) as u32;
     let texels = parallel::map_light(rows.len(), |r| rows[r].sides.map(|side| side.texel.map(number)));
-    let mut most: Vec<f64> = read.iter().map(|&texel| level(light(guide, texel))).collect();
+    let own: Vec<f64> = read.iter().map(|&texel| level(light(guide, texel))).collect();
+    let mut most = own.clone();
     for _ in 0..REACH {
         let before = most.clone();
         for row in &texels {
@@ -402,18 +400,17 @@ fn brightest(rows: &[Row], read: &[u32], guide: &Lightmap) -> Vec<f64> {
             all().for_each(|i| most[i] = most[i].max(brightest));
         }
     }
-    most
+    own.into_iter().zip(most).map(|(own, most)| own / most).collect()
 }
 
-/// [`own`], by what the texel holds as part of the brightest near it: it counts for more in the shadow.
-fn held(patches: &Patches, texel: u32, level: f64) -> (f64, Option<Demand>) {
+/// [`own`], which counts for more where a texel of a chart lies in the shade of brighter ones.
+fn own_in_shade(patches: &Patches, texel: u32, shade: f64) -> (f64, Option<Demand>) {
     let (weight, demand) = own(patches, texel);
-    let [width, height] = patches.page_size;
-    let (page, x, y) = (texel / (width * height), (texel % width) as i32, (texel / width % height) as i32);
-    if patches.front_at(page, x, y).is_none() || level.is_nan() {
+    let (page, x, y) = place(patches, texel);
+    if patches.front_at(page, x, y).is_none() || shade.is_nan() {
         return (weight, demand);
     }
-    let times = (SHADOW / level.max(f64::MIN_POSITIVE)).clamp(1.0, MOST_SHADOW).powi(2);
+    let times = (SHADOW / shade.max(f64::MIN_POSITIVE)).clamp(1.0, MOST_SHADOW).powi(2);
     (weight * times, demand.map(|demand| Demand { weight: demand.weight * times, ..demand }))
 }
 
@@ -430,8 +427,7 @@ fn stitch(row: &Row) -> Demand {
 /// Weight of what a texel holds, and what else is asked of it: its light lies where its surface is; beyond the border of
 /// a chart light goes on straight.
 fn own(patches: &Patches, texel: u32) -> (f64, Option<Demand>) {
-    let [width, height] = patches.page_size;
-    let (page, x, y) = (texel / (width * height), (texel % width) as i32, (texel / width % height) as i32);
+    let (page, x, y) = place(patches, texel);
     let open = |dx: i32, dy: i32| patches.front_at(page, x + dx, y + dy).filter(|&i| patches.exposed[i] > 0.0);
     let Some(i) = open(0, 0) else {
         if patches_around(patches, texel).any(|i| patches.exposed[i] < 1.0) {
@@ -448,7 +444,7 @@ fn own(patches: &Patches, texel: u32) -> (f64, Option<Demand>) {
     let at = Vec2::new(x as f32, y as f32) + patches.centroid[i];
     let taps = Taps::new(patches.page_size, page, at);
     let of_chart = |t: &u32| {
-        let (u, v) = ((*t % width) as i32, (*t / width % height) as i32);
+        let (_, u, v) = place(patches, *t);
         patches.front_at(page, u, v).is_none_or(|j| patches.chart(j) == patches.chart(i) && patches.exposed[j] >= 1.0)
     };
     if !taps.texel.iter().all(of_chart) {
@@ -485,9 +481,14 @@ fn follow(patches: &Patches, texel: u32, open: impl Fn(i32, i32) -> Option<usize
     Some(demand)
 }
 
+/// Page, column and row of a texel.
+fn place(patches: &Patches, texel: u32) -> (u32, i32, i32) {
+    let [width, height] = patches.page_size;
+    (texel / (width * height), (texel % width) as i32, (texel / width % height) as i32)
+}
+
 /// The patches in a texel and the eight around it.
 fn patches_around(patches: &Patches, texel: u32) -> impl Iterator<Item = usize> + '_ {
-    let [width, height] = patches.page_size;
-    let (page, x, y) = (texel / (width * height), (texel % width) as i32, (texel / width % height) as i32);
+    let (page, x, y) = place(patches, texel);
     (0..9).filter_map(move |k| patches.front_at(page, x + k % 3 - 1, y + k / 3 - 1))
 }
