@@ -53,19 +53,13 @@ fn two_rooms() -> &'static Baked {
     })
 }
 
-/// Limits above what a coarse bake of two rooms has by itself.
-fn lenient() -> Settings {
-    let limits = [(Kind::SeamStep, 0.3), (Kind::DarkStrip, 0.45)];
-    Settings { limits: limits.into_iter().collect(), padding: None }
-}
-
 fn report(document: &Path, settings: &Settings) -> Report {
     check::check(&check::Baked::load(document, None).unwrap(), settings).unwrap()
 }
 
 fn faults(baked: &Baked) -> Vec<&'static str> {
     let folder = tempfile::tempdir().unwrap();
-    report(&baked.write(folder.path()), &lenient()).faults
+    report(&baked.write(folder.path()), &Settings::default()).faults
 }
 
 /// What wrong light on a chart leads to, wherever it comes from.
@@ -122,7 +116,7 @@ fn beyond(baked: &Baked, distance: usize) -> Vec<(usize, usize)> {
 /// A step between two charts: the one at the worst seam gets three times the light.
 fn brighten_a_seam(baked: &mut Baked) {
     let folder = tempfile::tempdir().unwrap();
-    let clean = report(&baked.write(folder.path()), &lenient());
+    let clean = report(&baked.write(folder.path()), &Settings::default());
     let [x, y] = clean.measure(Kind::SeamStep).unwrap().places[0].texel.unwrap().map(|v| v as f32);
     let around = |c: &&Chart| c.low[0] <= x + 1.0 && x <= c.high[0] && c.low[1] <= y + 1.0 && y <= c.high[1];
     let chart = baked.charts().iter().find(around).unwrap().clone();
@@ -186,7 +180,7 @@ const PLANTED: [(&str, &str, &[&str], Edit); 23] = [
         let (chart, gap) = neighbors(b);
         shift(b, &chart, gap - 3.0);
     }),
-    ("black around the charts", "uncovered", &["mip-bleeding", "dark-strip"], |b| {
+    ("black around the charts", "uncovered", &["mip-bleeding", "seam-step", "dark-strip"], |b| {
         let texels: Vec<(usize, usize)> = beyond(b, 1);
         paint(b, &texels, 0.0);
     }),
@@ -285,12 +279,35 @@ fn every_planted_fault_is_found() {
 }
 
 #[test]
+fn light_through_a_wall_is_a_fault_where_it_is_long() {
+    for (value, kind) in [(1.0, Kind::Leaks), (0.0, Kind::DarkStrip)] {
+        let found = |rows: usize| {
+            let mut planted = two_rooms().clone();
+            let mut texels = under_the_wall(&mut planted);
+            let extent = |c: fn(&(usize, usize)) -> usize, t: &[(usize, usize)]| {
+                let (low, high) = (t.iter().map(c).min().unwrap(), t.iter().map(c).max().unwrap());
+                (high - low, (low + high) / 2)
+            };
+            let (columns, x) = extent(|t| t.0, &texels);
+            let (lines, y) = extent(|t| t.1, &texels);
+            texels.retain(|t| if columns > lines { t.0.abs_diff(x) < rows } else { t.1.abs_diff(y) < rows });
+            paint(&mut planted, &texels, value);
+            let folder = tempfile::tempdir().unwrap();
+            report(&planted.write(folder.path()), &Settings::default()).measure(kind).unwrap().clone()
+        };
+        let (short, long) = (found(1), found(5));
+        assert!(!short.fault && short.worst > 0.2 && short.count == 0 && !short.places.is_empty(), "{short:?}");
+        assert!(long.fault && long.value > 0.1 && long.count >= 6 && long.worst >= long.value, "{long:?}");
+    }
+}
+
+#[test]
 fn places_are_where_the_fault_is() {
     let mut planted = two_rooms().clone();
     let texel = lit_texel(&planted);
     planted.texel(texel)[..3].iter_mut().for_each(|v| *v *= 40.0);
     let folder = tempfile::tempdir().unwrap();
-    let found = report(&planted.write(folder.path()), &lenient());
+    let found = report(&planted.write(folder.path()), &Settings::default());
     let firefly = found.measure(Kind::Firefly).unwrap();
     assert_eq!((firefly.count, firefly.places.len()), (1, 1));
     let place = &firefly.places[0];
@@ -308,7 +325,7 @@ fn padding_that_is_asked_for_is_measured() {
     let folder = tempfile::tempdir().unwrap();
     let document = two_rooms().write(folder.path());
     let pairs = |padding| {
-        let settings = Settings { padding: Some(padding), ..lenient() };
+        let settings = Settings { padding: Some(padding), ..Settings::default() };
         report(&document, &settings).measure(Kind::Padding).unwrap().value
     };
     // Half a texel of the third mip level beyond either chart.
@@ -325,7 +342,7 @@ fn mip_levels_are_judged_as_far_as_they_are_promised() {
         let manifest = baked.json["scenes"][0]["extras"]["lightmap"].as_object_mut().unwrap();
         manifest.remove("mipLevels");
         levels.map(|n| manifest.insert("mipLevels".into(), n.into()));
-        let found = report(&baked.write(folder.path()), &lenient());
+        let found = report(&baked.write(folder.path()), &Settings::default());
         let measure = found.measure(Kind::MipBleeding).unwrap();
         assert!(measure.notes[0].contains("level 3: "), "{}", measure.notes[0]);
         (measure.fault, measure.value)
@@ -358,8 +375,7 @@ fn the_command_tells_faults_by_its_exit_code() {
     let texel = lit_texel(&planted);
     planted.texel(texel)[..3].iter_mut().for_each(|v| *v *= 40.0);
     let document = planted.write(folder.path());
-    let limits = ["--limit", "seam-step=0.3", "--limit", "dark-strip=0.45"];
-    let all = |more: &[&str], code: i32| expect(&[&["check", path(&document)], limits.as_slice(), more].concat(), code);
+    let all = |more: &[&str], code: i32| expect(&[&["check", path(&document)], more].concat(), code);
     assert!(String::from_utf8_lossy(&all(&[], 0).stdout).contains("faults: firefly"));
     all(&["--fail"], 7);
     let clean = all(&["--fail", "--limit", "firefly=1"], 0);
@@ -446,23 +462,16 @@ const CLEAN: [(&str, &str); 7] = [
     ("freedoom/freedoom-map01.glb", "0.5"),
 ];
 
-/// What coarse bakes exceed, and by how much at most: texels wider than furniture mix what is on both sides of it, and
-/// charts narrower than a texel cannot agree with all their neighbours. How bad the worst place is depends on how texels
-/// happen to fall there: with other paddings, leaks in office were 35 to 76 %.
-const KNOWN: [(&str, Kind, f64); 14] = [
-    ("cornell/cornell.gltf", Kind::DarkStrip, 0.28),
-    ("office/office.glb", Kind::SeamStep, 0.2),
-    ("office/office.glb", Kind::Leaks, 0.99),
-    ("office/office.glb", Kind::DarkStrip, 0.99),
-    ("two-rooms/two-rooms.glb", Kind::DarkStrip, 0.38),
+/// What coarse bakes exceed, and by how much at most: texels wider than boards mix what is on both sides of them, and charts
+/// narrower than a texel cannot agree with all their neighbours.
+const KNOWN: [(&str, Kind, f64); 8] = [
+    ("office/office.glb", Kind::SeamStep, 0.1),
+    ("office/office.glb", Kind::DarkStrip, 0.6),
     ("courtyard/courtyard.gltf", Kind::SeamStep, 0.3),
-    ("courtyard/courtyard.gltf", Kind::DarkStrip, 0.9),
-    ("chairs/chairs.glb", Kind::DarkStrip, 0.32),
-    ("room/room.glb", Kind::SeamStep, 0.99),
-    ("room/room.glb", Kind::Leaks, 0.999),
-    ("room/room.glb", Kind::DarkStrip, 0.97),
+    ("courtyard/courtyard.gltf", Kind::DarkStrip, 0.5),
+    ("room/room.glb", Kind::SeamStep, 0.3),
+    ("room/room.glb", Kind::DarkStrip, 0.3),
     ("freedoom/freedoom-map01.glb", Kind::SeamStep, 0.3),
-    ("freedoom/freedoom-map01.glb", Kind::DarkStrip, 0.99),
     ("freedoom/freedoom-map01.glb", Kind::Firefly, 3.0),
 ];
 

@@ -1,20 +1,25 @@
 //! Light and darkness that come through walls, because a look-up mixes texels of both sides.
 //!
 //! At points spread over the surface the bilinear value is compared with that of those of its four texels whose surface
-//! can be seen from the point, along two short segments above the surface, as linked texels see each other. What lies
-//! buried in solids is never seen. Texels outside of the chart have no part on either side; they are the padding's.
+//! can be seen from the point, along two short segments above the surface, as linked texels see each other; over a convex
+//! body the segments are higher, or it would hide its own other side. What lies buried in solids is never seen. Texels outside of the chart have no part on either side; they are the padding's.
 //!
 //! *Leak*: (look-up − seen) over the largest texel, where what is seen is darker than [`DARK`] of it. *Dark strip*:
 //! (seen − look-up) over what is seen, where that is lit.
 //!
+//! A value counts if texels side by side reach it over a length of [`runs::RUN`]. What nobody gets to see does not count: a
+//! place in a slit, or behind books.
+//!
 //! Limits: at a point that sees none of its texels nothing can be said; of double-sided surfaces the front is looked at.
 
 use super::measure::{Kind, Measure, Tally};
+use super::runs;
 use super::subject::{FLOOR, Subject};
 use crate::base::low_discrepancy::Sequence;
-use crate::base::{Rgb, parallel};
+use crate::base::{Rgb, parallel, warp};
 use crate::patches::{HEIGHTS, PatchSurface, Spot, SurfacePoint};
-use glam::Vec2;
+use crate::trace::Ray;
+use glam::{Vec2, Vec3};
 
 /// Points per texel, and in all.
 const PER_TEXEL: usize = 4;
@@ -35,47 +40,72 @@ const ALIKE: f32 = 0.99;
 /// Least weight of what is seen: below it, it is rounding.
 const LEAST_WEIGHT: f32 = 1e-3;
 
+/// A point is hidden if of so many rays by cosine fewer than so many go so far [texels]: one in 16, as at the bottom of a slit
+/// that is eight times as deep as wide.
+const LOOKS: u32 = 64;
+const LEAST_OPEN: usize = 4;
+const FAR: f32 = 2.0;
+
+/// The worst point of a texel by each measure.
+type Worst = [(f64, SurfacePoint); 2];
+
 /// Both measures.
 pub(super) fn measure(subject: &Subject<'_>) -> Vec<Measure> {
     let patches = &subject.patches;
     let points = (MOST_POINTS / patches.front.max(1)).clamp(1, PER_TEXEL) as u32;
-    let limits = [Kind::Leaks, Kind::DarkStrip].map(|k| subject.settings.limit(k));
+    let kinds = [Kind::Leaks, Kind::DarkStrip];
+    let limits = kinds.map(|k| subject.settings.limit(k));
     let chunks = parallel::map_chunks(patches.front, CHUNK, |range| {
-        let mut tallies = [Tally::default(), Tally::default()];
-        for i in range {
-            if patches.exposed[i] > 0.0 {
-                texel(subject, i, points, limits, &mut tallies);
-            }
-        }
-        tallies
+        let looked_at = range.filter(|&i| patches.exposed[i] > 0.0 && !is_open(subject, i));
+        let found = |i| Some((i, texel(subject, i, points, limits)?));
+        looked_at.filter_map(found).collect::<Vec<(usize, Worst)>>()
     });
-    let (leaks, strips): (Vec<Tally>, Vec<Tally>) = chunks.into_iter().map(|[leak, strip]| (leak, strip)).unzip();
-    let of = |tallies: Vec<Tally>, kind: Kind| {
-        let tally = Tally::join(tallies);
-        let value = tally.worst();
-        let mut measure = tally.measure(subject, kind, value);
-        let share = 100.0 * measure.count as f64 / measure.of.max(1) as f64;
-        measure.notes.push(format!("above the limit at {share:.3} % of the points"));
-        measure
-    };
-    vec![of(leaks, Kind::Leaks), of(strips, Kind::DarkStrip)]
+    let found = chunks.concat();
+    let of = patches.exposed[..patches.front].iter().filter(|exposed| **exposed > 0.0).count() as u64;
+    let one = |m: usize| judge(subject, kinds[m], of, &found.iter().map(|(i, w)| (*i, w[m])).collect::<Vec<_>>());
+    vec![one(0), one(1)]
 }
 
-/// Looks at the points of one texel.
-fn texel(subject: &Subject<'_>, i: usize, points: u32, limits: [f64; 2], tallies: &mut [Tally; 2]) {
-    if is_open(subject, i) {
-        tallies.iter_mut().for_each(|t| t.of += u64::from(points));
-        return;
-    }
+/// One measure, of the worst points of the texels where something was found.
+fn judge(subject: &Subject<'_>, kind: Kind, of: u64, found: &[(usize, (f64, SurfacePoint))]) -> Measure {
+    let (patches, limit) = (&subject.patches, subject.settings.limit(kind));
+    let values: Vec<(usize, f64)> = found.iter().map(|(i, (value, _))| (*i, *value)).collect();
+    let value = runs::sustained(patches, &values);
+    let large = runs::beyond(patches, &values, limit);
+    let mut tally = Tally::default();
+    // Without a fault, the worst texel is of interest, however small.
+    let shown: Vec<usize> = if large.is_empty() { (0..found.len()).collect() } else { large.clone() };
+    shown.iter().for_each(|&k| tally.look(found[k].1.0, limit, || found[k].1.1));
+    (tally.count, tally.of) = (large.len() as u64, of);
+    let mut measure = tally.measure(subject, kind, value);
+    let single = values.iter().filter(|v| v.1 > limit).count() - large.len();
+    let share = 100.0 * measure.count as f64 / of.max(1) as f64;
+    measure.notes.push(format!(
+        "above the limit at {share:.3} % of the texels; {single} more in groups that are shorter than {}",
+        runs::RUN
+    ));
+    measure
+}
+
+/// Looks at the points of one texel; the worst of them, if any is bad.
+fn texel(subject: &Subject<'_>, i: usize, points: u32, limits: [f64; 2]) -> Option<Worst> {
     let surface = PatchSurface::new(subject.tracer, &subject.patches, i);
     let sequence = Sequence::new(i as u64);
+    let mut worst = [(0.0, subject.middle(i)); 2];
     for k in 0..points {
         let [x, y, ..] = sequence.point(k);
         let spot = surface.sample(Vec2::new(x, y));
-        let [leak, strip] = look(subject, i, &surface, &spot).unwrap_or([0.0; 2]);
-        tallies[0].look(leak, limits[0], || spot.point);
-        tallies[1].look(strip, limits[1], || spot.point);
+        let Some(found) = look(subject, i, &surface, &spot) else { continue };
+        if found.iter().zip(limits).any(|(value, limit)| *value > limit) && is_hidden(subject, i, &surface, &spot) {
+            continue;
+        }
+        for (worst, value) in worst.iter_mut().zip(found) {
+            if value > worst.0 {
+                *worst = (value, spot.point);
+            }
+        }
     }
+    worst.iter().any(|w| w.0 > 0.0).then_some(worst)
 }
 
 /// No look-up in the texel can read anything that is hidden and different.
@@ -129,16 +159,57 @@ fn look(subject: &Subject<'_>, i: usize, surface: &PatchSurface<'_>, spot: &Spot
     Some([f64::from(leak.max(0.0)), f64::from(strip.max(0.0))])
 }
 
+/// Nobody gets to see the point: surfaces closer than [`FAR`] cover the view.
+fn is_hidden(subject: &Subject<'_>, i: usize, surface: &PatchSurface<'_>, spot: &Spot) -> bool {
+    let reach = FAR * subject.patches.texel_edge(i);
+    let (frame, sequence) = (surface.frame(spot), Sequence::new(i as u64));
+    let open = |k: &u32| {
+        let [u, v, ..] = sequence.point(MOST_POINTS as u32 + k);
+        let direction = frame.to_world(warp::square_to_cosine_hemisphere(Vec2::new(u, v)));
+        !subject.tracer.occluded(&Ray { origin: surface.origin(spot, direction), direction, t_max: reach })
+    };
+    (0..LOOKS).filter(open).count() < LEAST_OPEN
+}
+
 /// The surface of texel `j` can be seen from a point of texel `i`.
-fn sees(subject: &Subject<'_>, point: SurfacePoint, normal: glam::Vec3, i: usize, j: usize) -> bool {
+fn sees(subject: &Subject<'_>, point: SurfacePoint, normal: Vec3, i: usize, j: usize) -> bool {
     let patches = &subject.patches;
     if patches.exposed[j] <= 0.0 {
         return false;
     }
     let edge = patches.texel_edge(i).min(patches.texel_edge(j));
-    let position = subject.scene.position(point.triangle, point.b);
+    // The mean position of a texel that spans facets lies below them.
+    let middle = subject.middle(j);
+    let [from, to] = [point, middle].map(|p| subject.scene.position(p.triangle, p.b));
+    let there = subject.scene.geometric_normal(middle.triangle);
+    let over = crest(to - from, normal, there);
     HEIGHTS.iter().all(|height| {
-        let from = position + normal * (height * edge);
-        subject.tracer.segment_clear(from, patches.position[j] + patches.normal[j] * (height * edge))
+        let lift = height * edge + over;
+        subject.tracer.segment_clear(from + normal * lift, to + there * lift)
     })
+}
+
+/// How far a surface that bends away from both ends of a line `along` it, with these normals there, rises above it.
+fn crest(along: Vec3, here: Vec3, there: Vec3) -> f32 {
+    let is_convex = along.dot(here) < 0.0 && along.dot(there) > 0.0;
+    let cosine = here.dot(there).clamp(0.0, 1.0);
+    if is_convex { 0.5 * along.length() * ((1.0 - cosine) / (1.0 + cosine)).sqrt() } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_of_sight_rise_above_what_bends_away_and_above_nothing_else() {
+        let turned = |degrees: f32| {
+            let (sin, cos) = libm::sincosf(degrees.to_radians());
+            Vec3::new(sin, cos, 0.0)
+        };
+        // Two sides of a ridge a metre apart, each falling by 30°, rise to ½·tan 30°.
+        let ridge = crest(Vec3::X, turned(-30.0), turned(30.0));
+        assert!((ridge - 0.5 * libm::tanf(30.0f32.to_radians())).abs() < 1e-5, "{ridge}");
+        assert_eq!(crest(Vec3::X, turned(30.0), turned(-30.0)), 0.0);
+        assert_eq!(crest(Vec3::X, Vec3::Y, Vec3::Y), 0.0);
+    }
 }

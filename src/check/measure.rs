@@ -94,8 +94,12 @@ impl Kind {
                 ("mip-bleeding", 0.01, "light of others in mip levels said to be clean, else 1 to 3, 99.9th percentile")
             }
             Self::SeamStep => ("seam-step", 0.005, "jump of light across borders of charts, 99.9th percentile"),
-            Self::Leaks => ("leaks", 0.01, "light from behind walls on dark surfaces, of the lit side's"),
-            Self::DarkStrip => ("dark-strip", 0.05, "light lost to texels behind walls on lit surfaces"),
+            Self::Leaks => {
+                ("leaks", 0.01, "light from behind walls on dark surfaces, six texels on end, of the lit side's")
+            }
+            Self::DarkStrip => {
+                ("dark-strip", 0.05, "light lost to texels behind walls on lit surfaces, six texels on end")
+            }
             Self::Invalid => ("invalid", 0.0, "black texels whose neighbours are all lit"),
             Self::Firefly => ("firefly", 0.0, "texels over eight times as bright as all neighbours"),
             Self::Density => ("density", 1.2, "texels per metre, 95th over 5th percentile of the area"),

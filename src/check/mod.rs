@@ -20,6 +20,7 @@ mod mips;
 mod padding;
 mod page;
 pub mod pictures;
+mod runs;
 mod seams;
 mod subject;
 mod table;

@@ -34,6 +34,9 @@ const CROWD: usize = 8;
 /// How far from the edge the sight lines between both sides start, in texel edges.
 const ASIDE: f32 = 0.1;
 
+/// Distance from a texel at which a seam still runs along it [texels].
+const BESIDE: f32 = 0.01;
+
 /// Points are taken this far from their edge, so that they lie in their triangle: a share of the way to its middle.
 const INSET: f32 = 1e-4;
 
@@ -58,8 +61,33 @@ pub(super) fn measure(subject: &Subject<'_>) -> Measure {
     measure
 }
 
+/// A pair of edges where a surface changes its chart: triangle and edge of either side.
+pub(super) type Seam = [(u32, u32); 2];
+
+/// The brightest light beyond the seams that run through a texel, in the unit of the pages; `None` if none does.
+pub(super) fn brightest_beyond(subject: &Subject<'_>, seams: &[Seam], texel: usize) -> Option<f32> {
+    let patches = &subject.patches;
+    let (x, y) = patches.texel_xy(texel);
+    let middle = Vec2::new(x as f32, y as f32) + 0.5;
+    let triangles: Vec<u32> = patches.pieces(texel).map(|(t, _)| t).collect();
+    let sides = seams.iter().flat_map(|&[a, b]| [(a, b), (b, a)]).filter(|((t, _), _)| triangles.contains(t));
+    let light = |((own, k), (other, l)): ((u32, u32), (u32, u32))| {
+        let flat = subject.flat[own as usize]?;
+        let [from, to] = [k, (k + 1) % 3].map(|c| flat.uv[c as usize]);
+        let count = ((PER_TEXEL * from.distance(to)).ceil() as usize).clamp(LEAST, MOST);
+        let along = (0..count).map(|s| (s as f32 + 0.5) / count as f32);
+        let inside = along.filter(|a| ((from + (to - from) * *a) - middle).abs().max_element() <= 0.5 + BESIDE);
+        let beyond = |a: f32| {
+            let point = SurfacePoint { triangle: other, b: on_edge(l, 1.0 - a) };
+            Some(subject.lightmaps.irradiance(subject.scene, other, point.b)?.max_element() / flat.intensity)
+        };
+        inside.filter_map(beyond).reduce(f32::max)
+    };
+    sides.filter_map(light).reduce(f32::max)
+}
+
 /// Pairs of edges where a surface changes its chart.
-fn seams(subject: &Subject<'_>) -> Vec<[(u32, u32); 2]> {
+pub(super) fn seams(subject: &Subject<'_>) -> Vec<Seam> {
     let (scene, place) = (subject.scene, vertices::places(subject.scene));
     let mut edges: Vec<HalfEdge> = vec![];
     for (t, triangle) in (0..scene.triangle_count()).map(|t| (t, scene.triangle(t as u32))) {
@@ -88,7 +116,7 @@ fn seams(subject: &Subject<'_>) -> Vec<[(u32, u32); 2]> {
     seams
 }
 
-fn is_seam(subject: &Subject<'_>, place: &[u32], [(ta, ka), (tb, kb)]: [(u32, u32); 2]) -> bool {
+fn is_seam(subject: &Subject<'_>, place: &[u32], [(ta, ka), (tb, kb)]: Seam) -> bool {
     let scene = subject.scene;
     let ends = |t: u32, k: u32| [k, (k + 1) % 3].map(|c| scene.triangle(t)[c as usize] as usize);
     let (a, mut b) = (ends(ta, ka), ends(tb, kb));
@@ -114,7 +142,7 @@ fn on_edge(k: u32, along: f32) -> Vec2 {
     Vec2::new(weights[1], weights[2])
 }
 
-fn walk(subject: &Subject<'_>, seam: &[(u32, u32); 2], limit: f64, tally: &mut Tally) {
+fn walk(subject: &Subject<'_>, seam: &Seam, limit: f64, tally: &mut Tally) {
     let scene = subject.scene;
     let [(ta, ka), (tb, kb)] = *seam;
     let corners = scene.corners(ta);

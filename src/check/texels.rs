@@ -1,11 +1,13 @@
 //! Single texels: not finite or negative, black among lit ones, far too bright.
 
 use super::measure::{Kind, Measure, Tally};
+use super::seams;
 use super::subject::{Subject, rgb};
 use crate::base::parallel;
 use crate::patches::SurfacePoint;
 use crate::render::Lightmaps;
 use glam::Vec2;
+use std::sync::OnceLock;
 
 /// Texels per chunk of work.
 const CHUNK: usize = 1024;
@@ -71,9 +73,11 @@ pub(super) fn invalid(subject: &Subject<'_>) -> Measure {
     count(subject, Kind::Invalid, 0.0, value)
 }
 
-/// Texels that outshine their neighbours.
+/// Texels that outshine their neighbours, those across seams included: where a shadow ends beside a seam, the last texel of a
+/// chart may be the only one in the sun.
 pub(super) fn firefly(subject: &Subject<'_>) -> Measure {
     let patches = &subject.patches;
+    let seams = OnceLock::new();
     let value = |i: usize| {
         let own = subject.light(i).max_element();
         if own <= subject.mean {
@@ -89,7 +93,12 @@ pub(super) fn firefly(subject: &Subject<'_>) -> Measure {
                 count += 1;
             }
         }
-        if count < 2 { 0.0 } else { f64::from(own / largest.max(1e-3 * subject.mean)) }
+        let over = |largest: f32| f64::from(own / largest.max(1e-3 * subject.mean));
+        if count >= 2 && over(largest) > f64::from(FIREFLY) {
+            let seams = seams.get_or_init(|| seams::seams(subject));
+            largest = largest.max(seams::brightest_beyond(subject, seams, i).unwrap_or(0.0));
+        }
+        if count < 2 { 0.0 } else { over(largest) }
     };
     count(subject, Kind::Firefly, f64::from(FIREFLY), value)
 }

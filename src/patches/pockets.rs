@@ -96,7 +96,7 @@ impl Patches {
     }
 
     /// Patches around one in its chart, on its side, that take part in light.
-    fn around_in_chart(&self, patch: usize) -> impl Iterator<Item = usize> + '_ {
+    pub fn around_in_chart(&self, patch: usize) -> impl Iterator<Item = usize> + '_ {
         let front = self.front_patch(patch);
         let (page, (x, y)) = (self.page(front), self.texel_xy(front));
         let at = move |(dx, dy)| self.front_at(page, x as i32 + dx, y as i32 + dy);
