@@ -23,7 +23,31 @@ fn around(cell: usize) -> u64 {
     rows.fold(0, |bits, row| bits | columns << row)
 }
 
+/// Cells of a mask beside those of another, of which they share a side.
+fn beside(cells: u64) -> u64 {
+    const FIRST_COLUMN: u64 = 0x0101_0101_0101_0101;
+    (cells & !(FIRST_COLUMN << 7)) << 1 | (cells & !FIRST_COLUMN) >> 1 | cells << 8 | cells >> 8
+}
+
+/// The cells hang together.
+fn is_whole(cells: u64) -> bool {
+    let mut reached = cells & cells.wrapping_neg();
+    loop {
+        let more = (reached | beside(reached)) & cells;
+        if more == reached {
+            return reached == cells;
+        }
+        reached = more;
+    }
+}
+
 impl Patches {
+    /// What is exposed of a patch lies in pieces: something runs through it from side to side.
+    #[must_use]
+    pub fn is_split(&self, patch: usize) -> bool {
+        !is_whole(self.mask[patch])
+    }
+
     /// The cell of the exposure mask that a point lies in, or one of the eight around it, is exposed.
     pub(super) fn is_near_exposed(&self, patch: usize, point: DVec2) -> bool {
         around(cell_index(point, MASK_GRID)) & self.mask[patch] != 0
@@ -125,5 +149,20 @@ impl Patches {
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_hang_together_over_their_sides() {
+        let cells = |rows: [u64; 8]| rows.iter().rev().fold(0, |bits, row| bits << 8 | row);
+        let (wall, post) = (0b1110_0111, [0xff, 0xff, 0xff, 0b1110_0111, 0b1110_0111, 0xff, 0xff, 0xff]);
+        let diagonal = [0, 1, 2, 3, 4, 5, 6, 7].map(|k| 0xff ^ 1 << k);
+        assert!(is_whole(u64::MAX) && is_whole(0) && is_whole(cells(post)) && is_whole(1 << 63));
+        // Bits of one row's end and the next row's start are no neighbours.
+        assert!(!is_whole(cells([wall; 8])) && !is_whole(cells(diagonal)) && !is_whole(0b1_1000_0000));
     }
 }
