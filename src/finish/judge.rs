@@ -49,10 +49,10 @@ impl<'a> Judge<'a> {
             let (bias, noise) = found[i];
             Vec3::new(bias, bias * bias, noise)
         });
-        let cell = self.cells.means(&moments);
+        let cells = self.cells.means(|i| moments[i]);
         let around = self.network.flow(moments, STEPS);
         parallel::map_light(found.len(), |i| {
-            let (cell, around, n) = (cell[i], around[i], self.windows[i]);
+            let (cell, around, n) = (cells[self.cells.of(i)], around[i], self.windows[i]);
             shrunk(cell.x, around, n) + cell.z + (around.z - cell.z) * (n / (n + FEW))
         })
     }

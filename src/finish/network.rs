@@ -70,25 +70,34 @@ impl Network {
             let across = graph.across(i).filter(|&j| (j as usize) < n).count();
             (4.0 - graph.sides(patches, i).count() as f32).min(across as f32) / across.max(1) as f32
         });
-        let row = |i: usize| {
+        let add_row = |i: usize, links: &mut Vec<(u32, f32)>| {
             let area = patches.exposed_area(i);
             let rate = |j: u32, share: f32| {
                 let least = area.min(patches.exposed_area(j as usize));
                 (j, share * STEP * least / area.max(f32::MIN_POSITIVE))
             };
-            let beside = graph.sides(patches, i).map(|j| rate(j, 1.0));
-            let across =
-                graph.across(i).filter(|&j| (j as usize) < n).map(|j| rate(j, spare[i].min(spare[j as usize])));
-            beside.filter(|&(j, _)| (j as usize) < n).chain(across).collect::<Vec<_>>()
+            let is_within = |j: &u32| (*j as usize) < n;
+            links.extend(graph.sides(patches, i).filter(is_within).map(|j| rate(j, 1.0)));
+            let across = graph.across(i).filter(is_within);
+            links.extend(across.map(|j| rate(j, spare[i].min(spare[j as usize]))));
         };
-        Self::from_rows(parallel::map_chunks(n, CHUNK, |range| range.map(row).collect::<Vec<_>>()))
+        Self::from_chunks(parallel::map_chunks(n, CHUNK, |range| {
+            let (mut links, mut ends) = (vec![], Vec::with_capacity(range.len()));
+            for i in range {
+                add_row(i, &mut links);
+                ends.push(links.len() as u32);
+            }
+            (links, ends)
+        }))
     }
 
-    fn from_rows(chunks: Vec<Vec<Vec<(u32, f32)>>>) -> Self {
+    /// From links of chunks of rows, with the number of links up to the end of each row.
+    fn from_chunks(chunks: Vec<(Vec<(u32, f32)>, Vec<u32>)>) -> Self {
         let (mut first, mut links) = (vec![0u32], vec![]);
-        for row in chunks.into_iter().flatten() {
-            links.extend(row);
-            first.push(links.len() as u32);
+        for (own, ends) in chunks {
+            let before = links.len() as u32;
+            first.extend(ends.into_iter().map(|end| before + end));
+            links.extend(own);
         }
         Self { first, links }
     }
@@ -206,8 +215,9 @@ mod tests {
 
     /// A chain of equal texels.
     fn chain(n: u32) -> Network {
-        let row = |i: u32| [i.wrapping_sub(1), i + 1].into_iter().filter(|&j| j < n).map(|j| (j, STEP)).collect();
-        Network::from_rows(vec![(0..n).map(row).collect()])
+        let row = |i: u32| [i.wrapping_sub(1), i + 1].into_iter().filter(|&j| j < n).map(|j| (j, STEP));
+        let one = |i: u32| (row(i).collect::<Vec<_>>(), vec![row(i).count() as u32]);
+        Network::from_chunks((0..n).map(one).collect())
     }
 
     #[test]
