@@ -49,6 +49,9 @@ fn reach(stages: u32) -> f64 {
     (libm::cosh(theta) + 1.0) * n * libm::tanh(n * theta) / libm::sinh(theta)
 }
 
+/// Links of some rows, and how many there are up to the end of each.
+type Rows = (Vec<(u32, f32)>, Vec<u32>);
+
 /// Links with their rates g/A, compressed rows.
 pub(super) struct Network {
     first: Vec<u32>,
@@ -91,8 +94,8 @@ impl Network {
         }))
     }
 
-    /// From links of chunks of rows, with the number of links up to the end of each row.
-    fn from_chunks(chunks: Vec<(Vec<(u32, f32)>, Vec<u32>)>) -> Self {
+    /// From rows, chunk by chunk.
+    fn from_chunks(chunks: Vec<Rows>) -> Self {
         let (mut first, mut links) = (vec![0u32], vec![]);
         for (own, ends) in chunks {
             let before = links.len() as u32;

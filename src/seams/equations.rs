@@ -126,6 +126,12 @@ impl Demand {
         self.texel.into_iter().zip(self.factor).filter(|(_, factor)| *factor != 0.0)
     }
 
+    /// The same of other names for its texels.
+    fn renamed(&self, name: impl Fn(u32) -> u32) -> Self {
+        let goal = if let Goal::Like(texel) = self.goal { Goal::Like(name(texel)) } else { self.goal };
+        Self { texel: self.texel.map(&name), goal, ..self.clone() }
+    }
+
     /// The sum, or some terms of it, of these unknowns.
     fn sum(&self, terms: Range<usize>, x: &[DVec3]) -> DVec3 {
         terms.fold(DVec3::ZERO, |sum, k| sum + x[self.texel[k] as usize] * f64::from(self.factor[k]))
@@ -207,6 +213,8 @@ pub(super) fn problems(
     sort(&mut also);
     keep.extend(also.into_iter().map(|t| (t, 1.0)));
     keep.sort_unstable_by_key(|k| k.0);
+    let number = |texel: u32| keep.partition_point(|k| k.0 < texel) as u32;
+    let demands = parallel::map_light(demands.len(), |d| demands[d].renamed(number));
     let parts = parts(&keep, demands);
     parallel::map(parts.len(), |p| {
         let mut equations = Equations::new(&parts[p]);
@@ -215,28 +223,30 @@ pub(super) fn problems(
     })
 }
 
-/// Texels with what they keep, and demands on them, by connected part.
+/// Texels with what they keep, and demands on them by their numbers there: a connected part.
 type Part = (Vec<(u32, f64)>, Vec<Demand>);
 
 fn parts(keep: &[(u32, f64)], demands: Vec<Demand>) -> Vec<Part> {
-    let unknown = |texel: u32| keep.partition_point(|k| k.0 < texel);
     let mut sets = Sets::new(keep.len());
     for demand in &demands {
-        for &texel in &demand.texel[1..] {
-            sets.join(unknown(demand.texel[0]), unknown(texel));
+        for &unknown in &demand.texel[1..] {
+            sets.join(demand.texel[0] as usize, unknown as usize);
         }
     }
-    let number = sets.numbers();
+    let part = sets.numbers();
     let mut parts: Vec<Part> = vec![];
-    for (k, &part) in keep.iter().zip(&number) {
+    let mut own = vec![0; keep.len()];
+    for ((k, own), &part) in keep.iter().zip(&mut own).zip(&part) {
         if part as usize == parts.len() {
             parts.push((vec![], vec![]));
         }
-        parts[part as usize].0.push(*k);
+        let texels = &mut parts[part as usize].0;
+        *own = texels.len() as u32;
+        texels.push(*k);
     }
     for demand in demands {
-        let part = number[unknown(demand.texel[0])];
-        parts[part as usize].1.push(demand);
+        let part = part[demand.texel[0] as usize];
+        parts[part as usize].1.push(demand.renamed(|unknown| own[unknown as usize]));
     }
     parts
 }
@@ -244,10 +254,7 @@ fn parts(keep: &[(u32, f64)], demands: Vec<Demand>) -> Vec<Part> {
 impl Equations {
     fn new((keep, demands): &Part) -> Self {
         let (texels, keep): (Vec<u32>, Vec<f64>) = keep.iter().copied().unzip();
-        let unknown = |t: u32| texels.partition_point(|&u| u < t) as u32;
-        let goal = |goal: Goal| if let Goal::Like(texel) = goal { Goal::Like(unknown(texel)) } else { goal };
-        let numbered = |d: &Demand| Demand { texel: d.texel.map(unknown), goal: goal(d.goal), ..d.clone() };
-        let demands: Vec<Demand> = demands.iter().map(numbered).collect();
+        let demands = demands.clone();
         let around = Around::new(texels.len(), demands.iter().map(Demand::used));
         let matrix = Sparse::default();
         let mut equations = Self { demands, around, matrix, factor: None, keep, texels };
