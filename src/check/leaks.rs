@@ -30,8 +30,8 @@ const MOST_POINTS: usize = 2_000_000;
 /// Texels per chunk of work.
 const CHUNK: usize = 256;
 
-/// Share of the brightest texel below which a point is dark. With 0.01, a room behind walls of a centimetre was not: the texels
-/// that its walls split light it. With 0.1, places between books and boards count.
+/// Share of the brightest texel below which a point is dark. With 0.01, a room behind walls of a centimetre was not: the
+/// texels that its walls split light it. With 0.1, places between books and boards count.
 const DARK: f32 = 0.03;
 
 /// Share of the mean light above which a point is lit.
@@ -43,8 +43,8 @@ const ALIKE: f32 = 0.99;
 /// Least weight of what is seen: below it, it is rounding.
 const LEAST_WEIGHT: f32 = 1e-3;
 
-/// A point is hidden if of so many rays by cosine fewer than so many go so far [texels]: one in 16, as at the bottom of a slit
-/// that is eight times as deep as wide.
+/// A point is hidden if of so many rays by cosine fewer than so many go so far [texels]: one in 16, as at the bottom of a
+/// slit that is eight times as deep as wide.
 const LOOKS: u32 = 64;
 const LEAST_OPEN: usize = 4;
 const FAR: f32 = 2.0;

@@ -62,32 +62,58 @@ pub(super) fn measure(subject: &Subject<'_>) -> Measure {
 }
 
 /// A pair of edges where a surface changes its chart: triangle and edge of either side.
-pub(super) type Seam = [(u32, u32); 2];
+type Seam = [(u32, u32); 2];
 
-/// The brightest light beyond the seams that run through a texel, in the unit of the pages; `None` if none does.
-pub(super) fn brightest_beyond(subject: &Subject<'_>, seams: &[Seam], texel: usize) -> Option<f32> {
-    let patches = &subject.patches;
-    let (x, y) = patches.texel_xy(texel);
-    let middle = Vec2::new(x as f32, y as f32) + 0.5;
-    let triangles: Vec<u32> = patches.pieces(texel).map(|(t, _)| t).collect();
-    let sides = seams.iter().flat_map(|&[a, b]| [(a, b), (b, a)]).filter(|((t, _), _)| triangles.contains(t));
-    let light = |((own, k), (other, l)): ((u32, u32), (u32, u32))| {
-        let flat = subject.flat[own as usize]?;
-        let [from, to] = [k, (k + 1) % 3].map(|c| flat.uv[c as usize]);
-        let count = ((PER_TEXEL * from.distance(to)).ceil() as usize).clamp(LEAST, MOST);
-        let along = (0..count).map(|s| (s as f32 + 0.5) / count as f32);
-        let inside = along.filter(|a| ((from + (to - from) * *a) - middle).abs().max_element() <= 0.5 + BESIDE);
-        let beyond = |a: f32| {
-            let point = SurfacePoint { triangle: other, b: on_edge(l, 1.0 - a) };
-            Some(subject.lightmaps.irradiance(subject.scene, other, point.b)?.max_element() / flat.intensity)
+/// What lies beyond seams, by triangle.
+pub(super) struct Beyond(Vec<Seam>);
+
+impl Beyond {
+    /// Finds all seams.
+    pub(super) fn new(subject: &Subject<'_>) -> Self {
+        let mut sides: Vec<Seam> = seams(subject).into_iter().flat_map(|[a, b]| [[a, b], [b, a]]).collect();
+        sides.par_sort_unstable();
+        Self(sides)
+    }
+
+    /// The brightest light beyond the seams that run through a texel, in the unit of the pages; 0 if none does.
+    pub(super) fn brightest(&self, subject: &Subject<'_>, texel: usize) -> f32 {
+        let (x, y) = subject.patches.texel_xy(texel);
+        let middle = Vec2::new(x as f32, y as f32) + 0.5;
+        let of = |triangle: u32| {
+            let sides = &self.0[self.0.partition_point(|s| s[0].0 < triangle)..];
+            sides.iter().take_while(move |s| s[0].0 == triangle)
         };
-        inside.filter_map(beyond).reduce(f32::max)
-    };
-    sides.filter_map(light).reduce(f32::max)
+        let light = |&[(own, k), (other, l)]: &Seam| {
+            let flat = subject.flat[own as usize]?;
+            let ends = [k, (k + 1) % 3].map(|c| flat.uv[c as usize] - middle);
+            let [from, to] = within(ends, 0.5 + BESIDE)?;
+            let along = (0..=PER_TEXEL as u32).map(|s| from + (to - from) * (s as f32 / PER_TEXEL));
+            let at = |a: f32| subject.lightmaps.irradiance(subject.scene, other, on_edge(l, 1.0 - a));
+            along.filter_map(at).map(|light| light.max_element() / flat.intensity).reduce(f32::max)
+        };
+        subject.patches.pieces(texel).flat_map(|(t, _)| of(t)).filter_map(light).fold(0.0, f32::max)
+    }
+}
+
+/// The part of a line between two ends that lies within `reach` of zero along both axes; 0 is the first end, 1 the second.
+fn within([from, to]: [Vec2; 2], reach: f32) -> Option<[f32; 2]> {
+    let (mut low, mut high) = (0.0f32, 1.0f32);
+    for axis in 0..2 {
+        let (start, way) = (from[axis], to[axis] - from[axis]);
+        if way == 0.0 {
+            if start.abs() > reach {
+                return None;
+            }
+            continue;
+        }
+        let [a, b] = [-reach, reach].map(|end| (end - start) / way);
+        (low, high) = (low.max(a.min(b)), high.min(a.max(b)));
+    }
+    (low <= high).then_some([low, high])
 }
 
 /// Pairs of edges where a surface changes its chart.
-pub(super) fn seams(subject: &Subject<'_>) -> Vec<Seam> {
+fn seams(subject: &Subject<'_>) -> Vec<Seam> {
     let (scene, place) = (subject.scene, vertices::places(subject.scene));
     let mut edges: Vec<HalfEdge> = vec![];
     for (t, triangle) in (0..scene.triangle_count()).map(|t| (t, scene.triangle(t as u32))) {
@@ -199,6 +225,15 @@ fn see_each_other(subject: &Subject<'_>, points: [SurfacePoint; 2], along: Vec3,
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn lines_are_cut_where_they_leave_a_texel() {
+        let cut = |from: [f32; 2], to: [f32; 2]| within([from.into(), to.into()], 0.5);
+        assert_eq!(cut([-1.5, 0.0], [2.5, 0.0]), Some([0.25, 0.5]));
+        assert_eq!(cut([0.1, 0.2], [-0.3, 0.4]), Some([0.0, 1.0]));
+        assert_eq!(cut([-1.0, 0.0], [0.0, 1.0]), Some([0.5, 0.5]));
+        assert_eq!((cut([-1.0, 0.1], [0.0, 1.1]), cut([0.6, -1.0], [0.6, 1.0])), (None, None));
+    }
 
     #[test]
     fn points_lie_just_inside_their_edge() {

@@ -1,7 +1,7 @@
 //! Single texels: not finite or negative, black among lit ones, far too bright.
 
 use super::measure::{Kind, Measure, Tally};
-use super::seams;
+use super::seams::Beyond;
 use super::subject::{Subject, rgb};
 use crate::base::parallel;
 use crate::patches::SurfacePoint;
@@ -73,11 +73,11 @@ pub(super) fn invalid(subject: &Subject<'_>) -> Measure {
     count(subject, Kind::Invalid, 0.0, value)
 }
 
-/// Texels that outshine their neighbours, those across seams included: where a shadow ends beside a seam, the last texel of a
-/// chart may be the only one in the sun.
+/// Texels that outshine their neighbours, those across seams included: where a shadow ends beside a seam, the last texel
+/// of a chart may be the only one in the sun.
 pub(super) fn firefly(subject: &Subject<'_>) -> Measure {
     let patches = &subject.patches;
-    let seams = OnceLock::new();
+    let beyond = OnceLock::new();
     let value = |i: usize| {
         let own = subject.light(i).max_element();
         if own <= subject.mean {
@@ -95,8 +95,7 @@ pub(super) fn firefly(subject: &Subject<'_>) -> Measure {
         }
         let over = |largest: f32| f64::from(own / largest.max(1e-3 * subject.mean));
         if count >= 2 && over(largest) > f64::from(FIREFLY) {
-            let seams = seams.get_or_init(|| seams::seams(subject));
-            largest = largest.max(seams::brightest_beyond(subject, seams, i).unwrap_or(0.0));
+            largest = largest.max(beyond.get_or_init(|| Beyond::new(subject)).brightest(subject, i));
         }
         if count < 2 { 0.0 } else { over(largest) }
     };
