@@ -22,8 +22,8 @@
 //!
 //! Tried: directions of the second round by what the first one found in 8 × 8 texels together, in 64 parts of the hemisphere,
 //! as in Müller, Gross, Novák, "Practical Path Guiding for Efficient Light-Transport Simulation", EGSR 2017. Errors of cornell
-//! fell by 3 %, of a room with lampshades by 1 to 5 %, those of office and room not at all: well spread rays have what such
-//! parts differ in already.
+//! fell by 3 %, of rooms with lampshades changed by −6 to +5 %, median and root mean square, those of office and room not at
+//! all: well spread rays have what such parts differ in already.
 //!
 //! Tried: light looked for anew at hits nearer than an edge of the texel that is hit, by a shadow ray of each kind and a
 //! ray onward, again and again while hits are near. Against Mitsuba (office, 12,000 texels) NRMSE fell from 1.63 to 1.56 %
