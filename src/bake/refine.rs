@@ -14,7 +14,7 @@ use super::power;
 use super::solve::{Budget, Halves, Setup, Solver};
 use super::{Error, Solution};
 use crate::base::random::mix;
-use crate::base::{LightVector, Rgb, Warning, parallel};
+use crate::base::{LightVector, Rgb, Warning};
 use crate::finish::{self, Along, Errors};
 use crate::output::report;
 use crate::settings::{Aov, SplatMode};
@@ -111,11 +111,8 @@ fn share(setup: &Setup<'_>, halves: &mut Halves) -> [Errors; 2] {
     let Halves { direct, indirect, sky, vectors: [vectors, bounced], .. } = halves;
     let mut indirect = || flow(indirect, splits.then_some(sky), bounced);
     let mut direct = || flow(direct, None, vectors);
-    if setup.patches.front > SIDE_BY_SIDE {
-        let indirect = indirect();
-        return [direct(), indirect];
-    }
-    let (indirect, direct) = parallel::both(indirect, direct);
+    let few = setup.patches.front <= SIDE_BY_SIDE;
+    let (indirect, direct) = if few { rayon::join(indirect, direct) } else { (indirect(), direct()) };
     [direct, indirect]
 }
 

@@ -52,11 +52,6 @@ pub fn map_watched<T: Send + Default>(n: usize, progress: &Progress, f: impl Fn(
     chunks.into_iter().flatten().collect()
 }
 
-/// Both results, computed side by side.
-pub fn both<A: Send, B: Send>(a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B + Send) -> (A, B) {
-    rayon::join(a, b)
-}
-
 /// Sum of `f(i)` over 0..n in double precision; the same bits at every thread count.
 pub fn sum(n: usize, f: impl Fn(usize) -> f64 + Sync) -> f64 {
     map_chunks(n, SUM_CHUNK, |range| range.map(&f).fold(0.0, |a, b| a + b)).into_iter().fold(0.0, |a, b| a + b)

@@ -74,14 +74,17 @@ fn judge(subject: &Subject<'_>, kind: Kind, of: u64, found: &[(usize, (f64, Surf
     let (patches, limit) = (&subject.patches, subject.settings.limit(kind));
     let values: Vec<(usize, f64)> = found.iter().map(|(i, (value, _))| (*i, *value)).collect();
     let value = runs::sustained(patches, &values);
-    let large = runs::beyond(patches, &values, limit);
+    let mut shown = runs::beyond(patches, &values, limit);
+    let count = shown.len();
+    if shown.is_empty() {
+        // Without a fault, the worst texel is of interest, however small.
+        shown = (0..found.len()).collect();
+    }
     let mut tally = Tally::default();
-    // Without a fault, the worst texel is of interest, however small.
-    let shown: Vec<usize> = if large.is_empty() { (0..found.len()).collect() } else { large.clone() };
     shown.iter().for_each(|&k| tally.look(found[k].1.0, limit, || found[k].1.1));
-    (tally.count, tally.of) = (large.len() as u64, of);
+    (tally.count, tally.of) = (count as u64, of);
     let mut measure = tally.measure(subject, kind, value);
-    let single = values.iter().filter(|v| v.1 > limit).count() - large.len();
+    let single = values.iter().filter(|v| v.1 > limit).count() - count;
     let share = 100.0 * measure.count as f64 / of.max(1) as f64;
     measure.notes.push(format!(
         "above the limit at {share:.3} % of the texels; {single} more in groups that are shorter than {}",

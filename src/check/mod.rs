@@ -169,9 +169,10 @@ pub fn check(baked: &Baked, settings: &Settings) -> Result<Report, Error> {
     let mut measures = vec![page::measure(&subject, faults, &pages), texels::values(&subject, &baked.bad)];
     measures.extend(uv::measure(&subject, &baked.warnings));
     measures.extend([padding::padding(&subject), padding::uncovered(&subject), mips::measure(&subject)]);
-    measures.push(seams::measure(&subject));
+    let seams = seams::find(&subject);
+    measures.push(seams::measure(&subject, &seams));
     measures.extend(leaks::measure(&subject));
-    measures.extend([texels::invalid(&subject), texels::firefly(&subject)]);
+    measures.extend([texels::invalid(&subject), texels::firefly(&subject, &seams)]);
     let (densities, density) = density::measure(&subject);
     measures.extend(densities);
     let faults = measures.iter().filter(|m| m.fault).map(|m| m.name).collect();

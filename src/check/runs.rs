@@ -7,21 +7,20 @@
 //! Source: texels are joined from the worst on, as in the component tree of an image (Najman and Couprie, "Building the
 //! component tree in quasi-linear time", IEEE TIP 15(11), 2006).
 //!
-//! Invariant: the order of the values does not matter.
-
 use crate::base::Sets;
 use crate::patches::Patches;
 use glam::UVec2;
-use std::collections::BTreeMap;
 
 /// Columns or rows that a group of texels side by side, diagonals included, reaches over if it counts.
 pub(super) const RUN: u32 = 6;
 
+/// Texels, ascending, with a value each.
+type Values = [(usize, f64)];
+
 /// Groups of texels, grown texel by texel.
 struct Groups<'a> {
     patches: &'a Patches,
-    /// Place of each texel among the values.
-    places: BTreeMap<usize, usize>,
+    values: &'a Values,
     sets: Sets,
     /// Corners of the rectangle around the group that each representative stands for [texels]; `None` for texels that are
     /// in none yet.
@@ -29,17 +28,17 @@ struct Groups<'a> {
 }
 
 impl<'a> Groups<'a> {
-    fn new(patches: &'a Patches, values: &[(usize, f64)]) -> Self {
-        let places = values.iter().enumerate().map(|(k, v)| (v.0, k)).collect();
-        Self { patches, places, sets: Sets::new(values.len()), around: vec![None; values.len()] }
+    fn new(patches: &'a Patches, values: &'a Values) -> Self {
+        Self { patches, values, sets: Sets::new(values.len()), around: vec![None; values.len()] }
     }
 
     /// One more texel, by its place among the values.
-    fn add(&mut self, texel: usize, place: usize) {
+    fn add(&mut self, place: usize) {
+        let texel = self.values[place].0;
         let own = UVec2::from(self.patches.texel_xy(texel));
         self.around[place] = Some([own, own]);
         for j in self.patches.around_in_chart(texel) {
-            let Some(&other) = self.places.get(&j).filter(|k| self.around[**k].is_some()) else { continue };
+            let Ok(other) = self.values.binary_search_by_key(&j, |v| v.0) else { continue };
             let (a, b) = (self.sets.find(place), self.sets.find(other));
             if let (Some([low, high]), Some([from, to])) = (self.around[a], self.around[b]) {
                 self.sets.join(a, b);
@@ -55,24 +54,22 @@ impl<'a> Groups<'a> {
     }
 }
 
-/// The largest value that a group of texels reaches which is [`RUN`] long; 0 without one. One value for each texel.
-pub(super) fn sustained(patches: &Patches, values: &[(usize, f64)]) -> f64 {
+/// The largest value that a group of texels reaches which is [`RUN`] long; 0 without one.
+pub(super) fn sustained(patches: &Patches, values: &Values) -> f64 {
     let mut order: Vec<usize> = (0..values.len()).collect();
     order.sort_by(|&a, &b| values[b].1.total_cmp(&values[a].1));
     let mut groups = Groups::new(patches, values);
     let long = order.into_iter().find(|&k| {
-        groups.add(values[k].0, k);
+        groups.add(k);
         groups.is_long(k)
     });
     long.map_or(0.0, |k| values[k].1)
 }
 
 /// Places among the values of those beyond a limit whose groups are so long.
-pub(super) fn beyond(patches: &Patches, values: &[(usize, f64)], limit: f64) -> Vec<usize> {
+pub(super) fn beyond(patches: &Patches, values: &Values, limit: f64) -> Vec<usize> {
     let mut groups = Groups::new(patches, values);
     let large: Vec<usize> = (0..values.len()).filter(|&k| values[k].1 > limit).collect();
-    for &k in &large {
-        groups.add(values[k].0, k);
-    }
+    large.iter().for_each(|&k| groups.add(k));
     large.into_iter().filter(|&k| groups.is_long(k)).collect()
 }

@@ -44,8 +44,7 @@ const INSET: f32 = 1e-4;
 type HalfEdge = ([u32; 2], u32, u32);
 
 /// Steps along all seams; the value is the 99.9th percentile over their length.
-pub(super) fn measure(subject: &Subject<'_>) -> Measure {
-    let seams = seams(subject);
+pub(super) fn measure(subject: &Subject<'_>, seams: &[Seam]) -> Measure {
     let limit = subject.settings.limit(Kind::SeamStep);
     let tallies = parallel::map_chunks(seams.len(), 16, |range| {
         let mut tally = Tally::default();
@@ -62,15 +61,14 @@ pub(super) fn measure(subject: &Subject<'_>) -> Measure {
 }
 
 /// A pair of edges where a surface changes its chart: triangle and edge of either side.
-type Seam = [(u32, u32); 2];
+pub(super) type Seam = [(u32, u32); 2];
 
 /// What lies beyond seams, by triangle.
 pub(super) struct Beyond(Vec<Seam>);
 
 impl Beyond {
-    /// Finds all seams.
-    pub(super) fn new(subject: &Subject<'_>) -> Self {
-        let mut sides: Vec<Seam> = seams(subject).into_iter().flat_map(|[a, b]| [[a, b], [b, a]]).collect();
+    pub(super) fn new(seams: &[Seam]) -> Self {
+        let mut sides: Vec<Seam> = seams.iter().flat_map(|&[a, b]| [[a, b], [b, a]]).collect();
         sides.par_sort_unstable();
         Self(sides)
     }
@@ -113,7 +111,7 @@ fn within([from, to]: [Vec2; 2], reach: f32) -> Option<[f32; 2]> {
 }
 
 /// Pairs of edges where a surface changes its chart.
-fn seams(subject: &Subject<'_>) -> Vec<Seam> {
+pub(super) fn find(subject: &Subject<'_>) -> Vec<Seam> {
     let (scene, place) = (subject.scene, vertices::places(subject.scene));
     let mut edges: Vec<HalfEdge> = vec![];
     for (t, triangle) in (0..scene.triangle_count()).map(|t| (t, scene.triangle(t as u32))) {

@@ -1,13 +1,12 @@
 //! Single texels: not finite or negative, black among lit ones, far too bright.
 
 use super::measure::{Kind, Measure, Tally};
-use super::seams::Beyond;
+use super::seams::{Beyond, Seam};
 use super::subject::{Subject, rgb};
 use crate::base::parallel;
 use crate::patches::SurfacePoint;
 use crate::render::Lightmaps;
 use glam::Vec2;
-use std::sync::OnceLock;
 
 /// Texels per chunk of work.
 const CHUNK: usize = 1024;
@@ -75,9 +74,9 @@ pub(super) fn invalid(subject: &Subject<'_>) -> Measure {
 
 /// Texels that outshine their neighbours, those across seams included: where a shadow ends beside a seam, the last texel
 /// of a chart may be the only one in the sun.
-pub(super) fn firefly(subject: &Subject<'_>) -> Measure {
+pub(super) fn firefly(subject: &Subject<'_>, seams: &[Seam]) -> Measure {
     let patches = &subject.patches;
-    let beyond = OnceLock::new();
+    let beyond = Beyond::new(seams);
     let value = |i: usize| {
         let own = subject.light(i).max_element();
         if own <= subject.mean {
@@ -94,10 +93,11 @@ pub(super) fn firefly(subject: &Subject<'_>) -> Measure {
             }
         }
         let over = |largest: f32| f64::from(own / largest.max(1e-3 * subject.mean));
-        if count >= 2 && over(largest) > f64::from(FIREFLY) {
-            largest = largest.max(beyond.get_or_init(|| Beyond::new(subject)).brightest(subject, i));
+        if count < 2 {
+            return 0.0;
         }
-        if count < 2 { 0.0 } else { over(largest) }
+        let alone = over(largest);
+        if alone > f64::from(FIREFLY) { over(largest.max(beyond.brightest(subject, i))) } else { alone }
     };
     count(subject, Kind::Firefly, f64::from(FIREFLY), value)
 }

@@ -215,18 +215,19 @@ pub(super) fn problems(
     keep.sort_unstable_by_key(|k| k.0);
     let number = |texel: u32| keep.partition_point(|k| k.0 < texel) as u32;
     let demands = parallel::map_light(demands.len(), |d| demands[d].renamed(number));
-    let parts = parts(&keep, demands);
+    let (parts, place) = parts(&keep, demands);
     parallel::map(parts.len(), |p| {
-        let mut equations = Equations::new(&parts[p]);
+        let mut equations = Equations::new(&parts[p], &place);
         equations.balance(guide, f64::from(floor), progress);
         equations
     })
 }
 
-/// Texels with what they keep, and demands on them by their numbers there: a connected part.
+/// Texels with what they keep, and demands on them: a connected part.
 type Part = (Vec<(u32, f64)>, Vec<Demand>);
 
-fn parts(keep: &[(u32, f64)], demands: Vec<Demand>) -> Vec<Part> {
+/// The parts, and the place of each unknown in its own.
+fn parts(keep: &[(u32, f64)], demands: Vec<Demand>) -> (Vec<Part>, Vec<u32>) {
     let mut sets = Sets::new(keep.len());
     for demand in &demands {
         for &unknown in &demand.texel[1..] {
@@ -235,26 +236,27 @@ fn parts(keep: &[(u32, f64)], demands: Vec<Demand>) -> Vec<Part> {
     }
     let part = sets.numbers();
     let mut parts: Vec<Part> = vec![];
-    let mut own = vec![0; keep.len()];
-    for ((k, own), &part) in keep.iter().zip(&mut own).zip(&part) {
+    let mut place = vec![0; keep.len()];
+    for ((k, place), &part) in keep.iter().zip(&mut place).zip(&part) {
         if part as usize == parts.len() {
             parts.push((vec![], vec![]));
         }
         let texels = &mut parts[part as usize].0;
-        *own = texels.len() as u32;
+        *place = texels.len() as u32;
         texels.push(*k);
     }
     for demand in demands {
         let part = part[demand.texel[0] as usize];
-        parts[part as usize].1.push(demand.renamed(|unknown| own[unknown as usize]));
+        parts[part as usize].1.push(demand);
     }
-    parts
+    (parts, place)
 }
 
 impl Equations {
-    fn new((keep, demands): &Part) -> Self {
+    /// Those of a part, with the place of each unknown there.
+    fn new((keep, demands): &Part, place: &[u32]) -> Self {
         let (texels, keep): (Vec<u32>, Vec<f64>) = keep.iter().copied().unzip();
-        let demands = demands.clone();
+        let demands: Vec<Demand> = demands.iter().map(|d| d.renamed(|unknown| place[unknown as usize])).collect();
         let around = Around::new(texels.len(), demands.iter().map(Demand::used));
         let matrix = Sparse::default();
         let mut equations = Self { demands, around, matrix, factor: None, keep, texels };
