@@ -35,48 +35,68 @@ pub(super) struct Sheets<'a> {
     solids: Solids<'a>,
     frame: Frame,
     /// Of the texel [m].
+    position: Vec3,
+    /// Of the texel [m].
     edge: f32,
-    /// A corner and the normal of each; `None` for too many.
-    planes: Option<Vec<[Vec3; 2]>>,
+    /// `None` for too many.
+    close: Option<Vec<Sheet>>,
     /// Bound of rounding [m].
     pad: f32,
 }
 
+/// A triangle of a sheet.
+struct Sheet {
+    corner: Vec3,
+    normal: Vec3,
+    /// Lowest and highest coordinate along the normal of the texel, less that of the texel [m].
+    span: [f32; 2],
+}
+
 impl<'a> Sheets<'a> {
-    /// What is close to a front patch. With the planes known, points before all of them, as beside most walls, need no rays.
+    /// What is close to a front patch. With it known, points before all of it, as beside most walls, and points whose rays
+    /// along the texel go over or below all of it, as on a round body, need no rays.
     pub(super) fn near(patches: &Patches, solids: Solids<'a>, patch: usize) -> Self {
         let (tracer, edge) = (solids.tracer, patches.texel_edge(patch));
         let scene = tracer.scene();
         let frame = Frame::from_normal(patches.normal[patch]);
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        // Lowest and highest coordinate of rays along the normal [m].
+        let mut rays = [f32::INFINITY, f32::NEG_INFINITY];
         for f in patches.fragments.range(patch) {
             let triangle = patches.fragments.triangle(patch, f);
             let map = patches.map(triangle, patch);
             for corner in patches.polygon(patch, f).corners() {
                 let corner = scene.position(triangle, map.weights(*corner)) + frame.n * (LOW * edge);
                 (low, high) = (low.min(corner), high.max(corner));
+                let height = (corner - patches.position[patch]).dot(frame.n);
+                rays = [rays[0].min(height), rays[1].max(height)];
             }
         }
         let pad = rounding(tracer);
         let (middle, half) = ((low + high) * 0.5, (high - low) * 0.5);
-        let mut planes = vec![];
+        let mut close = vec![];
         let reach = Vec3::splat(ACROSS * edge + pad);
         let too_many = tracer.any_within(low - reach, high + reach, |t| {
             let (corner, normal) = (scene.corners(t)[0], scene.geometric_normal(t));
             let is_before = (middle - corner).dot(normal) > half.dot(normal.abs()) + pad;
-            if !is_before && is_sheet(scene, solids.closed, t) {
-                planes.push([corner, normal]);
+            let span = span(scene, t, [patches.position[patch], frame.n]);
+            let is_level = rays[0] - pad <= span[1] && span[0] <= rays[1] + pad;
+            if !is_before && is_level && is_sheet(scene, solids.closed, t) {
+                close.push(Sheet { corner, normal, span });
             }
-            planes.len() > MOST_PLANES
+            close.len() > MOST_PLANES
         });
-        Self { solids, frame, edge, planes: (!too_many).then_some(planes), pad }
+        Self { solids, frame, position: patches.position[patch], edge, close: (!too_many).then_some(close), pad }
     }
 
     /// A point on the surface of the texel lies behind the back of one that is close.
     pub(super) fn hide(&self, point: Vec3) -> bool {
         let origin = point + self.frame.n * (LOW * self.edge);
-        let is_before = |[corner, normal]: &[Vec3; 2]| (origin - corner).dot(*normal) > self.pad;
-        if self.planes.as_ref().is_some_and(|planes| planes.iter().all(is_before)) {
+        let height = (origin - self.position).dot(self.frame.n);
+        let misses = |Sheet { corner, normal, span }: &Sheet| {
+            (origin - corner).dot(*normal) > self.pad || span[0] - self.pad > height || height > span[1] + self.pad
+        };
+        if self.close.as_ref().is_some_and(|close| close.iter().all(misses)) {
             return false;
         }
         (0..DIRECTIONS).any(|k| {
@@ -85,6 +105,12 @@ impl<'a> Sheets<'a> {
             meets_back(self.solids, origin, way)
         })
     }
+}
+
+/// Lowest and highest coordinate of a triangle's corners along a normal, from a position [m].
+pub(super) fn span(scene: &Scene, triangle: u32, [position, normal]: [Vec3; 2]) -> [f32; 2] {
+    let [a, b, c] = scene.corners(triangle).map(|corner| (corner - position).dot(normal));
+    [a.min(b).min(c), a.max(b).max(c)]
 }
 
 /// From patch `i` one looks at the back of a sheet that parts it from its neighbour `j`.

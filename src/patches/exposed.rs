@@ -13,7 +13,7 @@
 //! Limits: a floor that is closed in by single-sided surfaces which all face away from it counts as hidden. In a texel
 //! with many triangles, what lies on one that is not looked at may be missed.
 
-use super::behind::{self, Sheets};
+use super::behind::{self, Sheets, span};
 use super::cells::{MASK_GRID, cell_index};
 use super::clear::Clear;
 use super::facing::Facing;
@@ -35,8 +35,10 @@ const REACH: f32 = 0.75;
 const FLAT: f32 = 0.005;
 /// Cosine to the texel's normal from which a surface counts as parallel.
 const SAME_PLANE: f32 = 0.9999;
-/// Cosine to the texel's normal up to which a surface may lie on it face to face: more than seals.
-const FACING: f32 = -0.98;
+/// Angle up to which a surface may lie on another face to face: more than seals [rad].
+const FACING: f32 = 0.2;
+/// Angle between the texel's normal and those of its triangles up to which it is looked at as a whole [rad].
+const BENT: f32 = 0.5;
 /// Rounding of positions, relative to the largest coordinate.
 const PAD: f32 = 1e-5;
 
@@ -176,7 +178,7 @@ fn cells(
     let sheets = about.sheet.then(|| Sheets::near(patches, solids, patch));
     for f in fragments {
         let mut points = vec![];
-        patches.cell_centroids(patch, f, MASK_GRID, |point, centroid, area| points.push((point, centroid, area)));
+        patches.cell_points(patch, f, MASK_GRID, |point, centroid, area| points.push((point, centroid, area)));
         let index = |centroid| cell_index(centroid, MASK_GRID);
         // A fragment has one point in a cell.
         let looked_at: Vec<bool> = points.iter().map(|p| cells[index(p.1)].points < most).collect();
@@ -196,30 +198,34 @@ fn cells(
 
 /// What lies about a texel.
 struct About {
-    /// Something may stand within the texel or lie on it.
-    any: bool,
+    /// Something may stand within the texel.
+    stands: bool,
     facing: Facing,
     /// A sheet may stand within the texel or beside it: a surface with one side that does not close.
     sheet: bool,
 }
 
 impl About {
-    /// One look into a box, which costs less than a dozen rays: where nothing but the texel's own plane is near, they need
-    /// not be traced. Texels that are not flat are not looked at.
+    /// One look into a box, which costs less than a dozen rays: where nothing that is near could meet rays along the texel,
+    /// they need not be traced. Crumpled texels are not looked at.
     fn new(patches: &Patches, Solids { tracer, closed }: Solids<'_>, patch: usize) -> Self {
-        let unknown = Self { any: true, facing: Facing::Anywhere, sheet: true };
+        let unknown = Self { stands: true, facing: Facing::Anywhere, sheet: true };
         let (scene, plane) = (tracer.scene(), Plane::of(patches, patch));
-        let Some((low, high)) = plane.around(patches, tracer, core::iter::once(patch)) else { return unknown };
-        let (mut about, mut looks) = (Self { any: false, facing: Facing::In(vec![]), sheet: false }, 0);
+        let Some(Around { low, high, bent }) = plane.around(patches, tracer, core::iter::once(patch), BENT) else {
+            return unknown;
+        };
+        let (facing, pad, height) = (-libm::cosf(FACING + bent), rounding(tracer), LOW * plane.edge);
+        let (mut about, mut looks) = (Self { stands: false, facing: Facing::In(vec![]), sheet: false }, 0);
         tracer.any_within(low, high, |t| {
             looks += 1;
             let own = plane.holds(scene, t);
-            about.any |= !own;
+            let span = span(scene, t, [plane.position, plane.normal]);
+            about.stands |= !own && span[0] <= height + pad && height - pad <= span[1];
             about.sheet |= !own && behind::is_sheet(scene, closed, t);
-            if scene.geometric_normal(t).dot(plane.normal) < FACING {
-                about.facing.add(scene.corners(t), rounding(tracer));
+            if scene.geometric_normal(t).dot(plane.normal) < facing {
+                about.facing.add(scene.corners(t), pad);
             }
-            looks == MOST_NEAR || about.any && about.sheet && matches!(about.facing, Facing::Anywhere)
+            looks == MOST_NEAR || about.stands && about.sheet && matches!(about.facing, Facing::Anywhere)
         });
         if looks == MOST_NEAR { unknown } else { about }
     }
@@ -253,17 +259,18 @@ impl Plane {
             && off.into_iter().fold(0.0, f32::max) < FLAT * self.edge
     }
 
-    /// Lowest and highest coordinates [m] of what has to do with texels in it: their surface, and what stands on them or
-    /// close beside. `None` if one of them is not flat, or faces another way.
+    /// What has to do with texels in it: their surface, and what stands on them or close beside. `None` if one of them
+    /// is not flat, or faces another way, by more than `most` [rad].
     pub(super) fn around(
         &self,
         patches: &Patches,
         tracer: &Tracer<'_>,
         texels: impl Iterator<Item = usize>,
-    ) -> Option<(Vec3, Vec3)> {
+        most: f32,
+    ) -> Option<Around> {
         let scene = tracer.scene();
         let pad = Vec3::splat(rounding(tracer));
-        let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        let (mut low, mut high, mut least) = (Vec3::INFINITY, Vec3::NEG_INFINITY, 1.0f32);
         for patch in texels {
             let (normal, edge) = (patches.normal[patch], patches.texel_edge(patch));
             let disc = (Vec3::ONE - normal * normal).max(Vec3::ZERO).map(f32::sqrt) * (REACH * edge);
@@ -271,7 +278,8 @@ impl Plane {
             (low, high) = (low.min(above - disc), high.max(above + disc));
             for f in patches.fragments.range(patch) {
                 let triangle = patches.fragments.triangle(patch, f);
-                if scene.geometric_normal(triangle).dot(self.normal) < SAME_PLANE {
+                least = least.min(scene.geometric_normal(triangle).dot(self.normal));
+                if least < SAME_PLANE && least < libm::cosf(most) {
                     return None;
                 }
                 let map = patches.map(triangle, patch);
@@ -281,8 +289,19 @@ impl Plane {
                 }
             }
         }
-        Some((low - pad, high + pad))
+        let bent = if least < SAME_PLANE { libm::acosf(least) } else { 0.0 };
+        Some(Around { low: low - pad, high: high + pad, bent })
     }
+}
+
+/// Where things have to do with texels.
+pub(super) struct Around {
+    /// Lowest coordinates [m].
+    pub(super) low: Vec3,
+    /// Highest coordinates [m].
+    pub(super) high: Vec3,
+    /// Largest angle of a triangle with the plane [rad].
+    bent: f32,
 }
 
 /// What is near a texel.
@@ -296,17 +315,19 @@ enum Near {
 }
 
 fn near(patches: &Patches, tracer: &Tracer<'_>, patch: usize, about: &About) -> Near {
-    if !about.any {
-        return Near::Nothing;
-    }
-    for f in some_of(patches, patch) {
-        let mut sealed = false;
-        patches.cell_centroids(patch, f, 2, |point, _, _| {
-            sealed = sealed || about.facing.seals(tracer, point);
-        });
-        if sealed {
-            return Near::Within;
+    if !about.facing.is_nowhere() {
+        for f in some_of(patches, patch) {
+            let mut sealed = false;
+            patches.cell_points(patch, f, 2, |point, _, _| {
+                sealed = sealed || about.facing.seals(tracer, point);
+            });
+            if sealed {
+                return Near::Within;
+            }
         }
+    }
+    if !about.stands {
+        return Near::Nothing;
     }
     let edge = patches.texel_edge(patch);
     let frame = Frame::from_normal(patches.normal[patch]);

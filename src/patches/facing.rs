@@ -23,6 +23,11 @@ pub(super) enum Facing {
 }
 
 impl Facing {
+    /// Nothing lies on the texel.
+    pub(super) fn is_nowhere(&self) -> bool {
+        matches!(self, Self::In(boxes) if boxes.is_empty())
+    }
+
     /// Adds a triangle; `pad` is a bound of rounding [m].
     pub(super) fn add(&mut self, corners: [Vec3; 3], pad: f32) {
         let [a, b, c] = corners;
@@ -58,8 +63,7 @@ impl Facing {
 
     /// Anything may lie on a triangle.
     fn may_seal(&self, tracer: &Tracer<'_>, triangle: u32) -> bool {
-        let nowhere = matches!(self, Self::In(boxes) if boxes.is_empty());
-        !nowhere && !tracer.scene().material(triangle).double_sided
+        !self.is_nowhere() && !tracer.scene().material(triangle).double_sided
     }
 
     /// The triangle that lies on a point.

@@ -2,7 +2,13 @@
 //!
 //! Invariant: with [`Patches::receives`], a patch receives no light where it is inside another solid, a cell of the
 //! exposure mask along its border aside.
+//!
+//! A wall can leave a strip of a texel open that is narrower than half a cell, so that the texel counts as hidden. What
+//! hits the strip hits the texel beside it: taken as dark, strips in two rooms at 6.5 texels per metre swallowed 0.15 % of
+//! all power, and indirect light was 0.5 % too low.
 
+use super::cells::MASK_GRID;
+use super::readers::around;
 use super::surface::Map;
 use super::{NO_PATCH, Patches, SurfacePoint};
 use crate::atlas::raster::{self, Polygon};
@@ -39,7 +45,10 @@ impl Patches {
         }
         let uv = t.at(hit);
         let (x, y) = (uv.x.floor() as i32, uv.y.floor() as i32);
-        let front = self.grid_at(t.page, x, y).or_else(|| self.nearest(t.page, uv, hit.triangle))?;
+        let mut front = self.grid_at(t.page, x, y).or_else(|| self.nearest(t.page, uv, hit.triangle))?;
+        if self.exposed[front as usize] <= 0.0 {
+            front = self.exposed_beside(front as usize, uv).unwrap_or(front);
+        }
         let patch = if hit.front != self.is_turned(front as usize) { front } else { self.back_of[front as usize] };
         let (x, y) = self.texel_xy(front as usize);
         let within = (uv - Vec2::new(x as f32, y as f32)).clamp(Vec2::ZERO, Vec2::ONE);
@@ -93,6 +102,22 @@ impl Patches {
             }
         }
         best.map(|(_, id)| id)
+    }
+
+    /// The exposed texel of the chart that a point on a hidden one is closest to, at most the width of a cell of the mask
+    /// away; the point on the page [texels].
+    fn exposed_beside(&self, hidden: usize, uv: Vec2) -> Option<u32> {
+        const REACH: f32 = 1.0 / MASK_GRID as f32;
+        let (page, (x, y)) = (self.page(hidden), self.texel_xy(hidden));
+        let beside = around().filter_map(|(dx, dy)| {
+            let (x, y) = (x as i32 + dx, y as i32 + dy);
+            let open = |id: &u32| self.exposed[*id as usize] > 0.0 && self.chart[*id as usize] == self.chart[hidden];
+            let id = self.grid_at(page, x, y).filter(open)?;
+            let corner = Vec2::new(x as f32, y as f32);
+            Some((uv.distance_squared(uv.clamp(corner, corner + 1.0)), id))
+        });
+        let nearest = beside.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        (nearest.0 <= REACH * REACH).then_some(nearest.1)
     }
 
     /// Column and row of a front patch's texel within its page.

@@ -108,7 +108,7 @@ fn cut_off(patches: &Patches, solids: Solids<'_>, walled: &[bool]) -> Vec<[u32; 
 /// Weight of a texel in the look-ups of the exposed surface of patch `j`, which lies at `offset` from it [texel²].
 fn read_by(patches: &Patches, j: usize, offset: Vec2) -> f32 {
     let mut sum = 0.0;
-    patches.cells(j, CELLS, |_, within, area| {
+    patches.cell_places(j, CELLS, |within, area| {
         let reach = (Vec2::ONE - (offset + within - 0.5).abs()).max(Vec2::ZERO);
         sum += area * reach.x * reach.y;
     });
@@ -118,7 +118,7 @@ fn read_by(patches: &Patches, j: usize, offset: Vec2) -> f32 {
 /// The same where cells say zero: the largest weight of any look-up, over a cell of the mask [texel²].
 fn barely_read_by(patches: &Patches, solids: Solids<'_>, j: usize, offset: DVec2) -> f32 {
     let mut middles = vec![];
-    patches.cells(j, MASK_GRID, |_, within, _| {
+    patches.cell_places(j, MASK_GRID, |within, _| {
         let within = within.as_dvec2();
         if (DVec2::ONE - (offset + within - 0.5).abs()).min_element() > -CELL {
             middles.push(within);
