@@ -249,10 +249,26 @@ impl Solution {
     /// Root mean square of the error over the mean, all channels and covered texels alike: noise of direct light, walk
     /// and gather, and bias of sharing.
     fn estimated_nrmse(&self, patches: &Patches) -> Option<f64> {
-        let total = parallel::sum(patches.front, |i| f64::from(self.halves.at(i).element_sum()));
-        let n = 3.0 * patches.front as f64;
-        let [direct, indirect] = &self.errors;
-        (total > 0.0).then(|| ((indirect.sum() + direct.sum()) / n).sqrt() / (total / n))
+        self.nrmse_of(patches, f32::INFINITY)
+    }
+
+    /// The same without the hundredth of the texels that is brightest: few of them can outweigh all others.
+    fn estimated_nrmse_99(&self, patches: &Patches) -> Option<f64> {
+        let mut light = parallel::map_light(patches.front, |i| self.halves.at(i).element_sum());
+        let k = (light.len() * 99).div_ceil(100).checked_sub(1)?;
+        let brightest = *light.select_nth_unstable_by(k, f32::total_cmp).1;
+        self.nrmse_of(patches, brightest)
+    }
+
+    /// Of the texels that are no brighter than this, sum of the channels [lx].
+    fn nrmse_of(&self, patches: &Patches, most: f32) -> Option<f64> {
+        let light = |i: usize| self.halves.at(i).element_sum();
+        let counts = |i: usize| light(i) <= most;
+        let sum =
+            |of: &(dyn Fn(usize) -> f64 + Sync)| parallel::sum(patches.front, |i| if counts(i) { of(i) } else { 0.0 });
+        let (total, n) = (sum(&|i| f64::from(light(i))), 3.0 * sum(&|_| 1.0));
+        let error: f64 = self.errors.iter().map(|errors| errors.sum_of(counts)).fold(0.0, |a, b| a + b);
+        (total > 0.0).then(|| (error / n).sqrt() / (total / n))
     }
 }
 
@@ -330,4 +346,33 @@ fn on_pages(setup: &solve::Setup<'_>, pages: u32, values: &[Rgb], factor: f32) -
     finish::fill(setup.patches, &mut lightmap, setup.settings.mips, setup.settings.padding);
     finish::fill_hidden(setup.patches, &mut lightmap);
     lightmap
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 198 texels of 10 lx, off by 0.1, and two of 1,000 lx, off by 600.
+    fn a_lamp_among_walls() -> (Patches, Solution) {
+        let light: Vec<Rgb> = (0..200).map(|i| Rgb::splat(if i < 2 { 1000.0 } else { 10.0 })).collect();
+        let off = |i: usize| if i < 2 { 600.0f32 } else { 0.1 };
+        let errors = Errors { noise: (0..200).map(|i| 3.0 * off(i) * off(i)).collect(), bias: vec![0.0; 200] };
+        let dark = [vec![Rgb::ZERO; 200], vec![Rgb::ZERO; 200]];
+        let halves = solve::Halves { direct: [light.clone(), light], indirect: dark, ..solve::Halves::default() };
+        let mut patches = Patches::default();
+        patches.front = 200;
+        (patches, Solution { halves, errors: [errors, Errors::default()], ..Solution::default() })
+    }
+
+    #[test]
+    fn few_bright_texels_decide_one_figure_and_not_the_other() {
+        let (patches, solution) = a_lamp_among_walls();
+        assert!((solution.estimated_nrmse(&patches).unwrap() - 60.0 / 19.9).abs() < 1e-3);
+        assert!((solution.estimated_nrmse_99(&patches).unwrap() - 0.01).abs() < 1e-6);
+        let nothing = Solution::default();
+        assert_eq!(
+            (nothing.estimated_nrmse(&Patches::default()), nothing.estimated_nrmse_99(&Patches::default())),
+            (None, None)
+        );
+    }
 }

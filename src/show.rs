@@ -59,6 +59,10 @@ pub(crate) fn outcome(outcome: &Outcome, verbose: bool) {
     }
     let atlas = &report.atlas;
     let error = report.error.estimated_nrmse.map_or(String::new(), |e| format!(", estimated error {:.2} %", e * 100.0));
+    // A lamp's own shade can be all there is to an error.
+    let [all, most] = [report.error.estimated_nrmse, report.error.estimated_nrmse_99].map(Option::unwrap_or_default);
+    let of_most = format!(" ({:.2} % without the brightest hundredth of the texels)", most * 100.0);
+    let error = if 0.0 < most && most < 0.5 * all { error + &of_most } else { error };
     eprintln!(
         "{} texels on {} page{} of {}x{} ({:.0} % used), {} bounces{error}",
         atlas.texels,

@@ -243,7 +243,10 @@ impl Facts<'_> {
                 rays: solution.gather_rays,
                 rays_per_texel: solution.gather_rays as f64 / (patches.front as f64).max(1.0),
             },
-            error: report::EstimatedError { estimated_nrmse: solution.estimated_nrmse(patches) },
+            error: report::EstimatedError {
+                estimated_nrmse: solution.estimated_nrmse(patches),
+                estimated_nrmse_99: solution.estimated_nrmse_99(patches),
+            },
             refinement: solution.refinement.clone(),
             seams: seams(&results.steps, scene.offset),
             light_groups: self.group_files(results),

@@ -148,6 +148,8 @@ pub struct Gather {
 pub struct EstimatedError {
     /// Root mean square error over the mean; `null` where nothing was estimated.
     pub estimated_nrmse: Option<f64>,
+    /// The same of the 99 % of the texels that are least bright.
+    pub estimated_nrmse_99: Option<f64>,
 }
 
 /// How the solution came about.
@@ -281,7 +283,7 @@ mod tests {
         assert_eq!(
             keys(&value),
             "{atlas{charts,mip_levels,page_size[],pages,texels,utilization},contacts{lines_continued,triangles_cut,triangles_made},\
-             directional[{files[],name}],error{estimated_nrmse},gather{rays,rays_per_texel},\
+             directional[{files[],name}],error{estimated_nrmse,estimated_nrmse_99},gather{rays,rays_per_texel},\
              inputs,light_groups[{files[],name}],outputs,peak_memory_bytes,rays,rays_per_second,\
              refinement{ended_by,passes[{budget,estimated_nrmse,seconds}],target_error,time_limit},scene{instances,lights,materials,triangles},schema,seams{points,step,step_before,worst,worst_at[]},\
              settings{},stages[{name,seconds}],treated[{casts,density,emission,light_group,mesh[],node,receives}],version,vertices{averaged_nrmse,fit_nrmse,sampled_nrmse,triangles,unknowns,vertices},walk{bounces,lines,power_absorbed[],power_escaped[],power_in[],\
