@@ -143,6 +143,9 @@ fn outermost(from: DVec2, toward: DVec2, axis: usize, is_open: &dyn Fn(DVec2, DV
         point[axis] += toward[axis] * way;
         point
     };
+    if toward[axis] == 0.0 {
+        return from;
+    }
     let (mut open, mut closed) = (0.0, CELL);
     for _ in 0..HALVINGS {
         let middle = 0.5 * (open + closed);

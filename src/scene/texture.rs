@@ -85,8 +85,11 @@ fn pair(t: f32, size: u32, wrap: Wrap, nearest: bool) -> Pair {
         }
     };
     let last = size as i32 - 1;
+    // Never off by more than one texel; the remainder of a division would take as long as the rest.
     let inside = |i: i32| match wrap {
-        Wrap::Repeat => i.rem_euclid(size as i32) as usize,
+        Wrap::Repeat if i < 0 => last as usize,
+        Wrap::Repeat if i > last => 0,
+        Wrap::Repeat => i as usize,
         // The mirror image of the border texel is the border texel.
         Wrap::Mirror | Wrap::Clamp => i.clamp(0, last) as usize,
     };
