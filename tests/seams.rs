@@ -192,6 +192,34 @@ fn light_does_not_run_along_seams_into_the_dark() {
     }
 }
 
+#[test]
+fn even_shade_beside_bright_light_gets_no_dark_dashes() {
+    const SHADE: f32 = 0.05;
+    for (name, triangles) in [("sphere", blob(12, 0.0)), ("body", blob(16, 0.1)), ("torus", torus())] {
+        let scene = smooth(&place(&triangles, skew(), 2.0, DVec3::ZERO));
+        let stage = Stage::new(&scene, 16.0);
+        let patches = &stage.patches;
+        let seams = Seams::new(&stage.tracer, &stage.atlas, patches, &Progress::default());
+        let stripes = |p: Vec3| if libm::sinf(4.0 * p.x) > 0.0 { 1.0 } else { SHADE };
+        let before = painted(&stage, |p, _| Rgb::splat(stripes(p)));
+        let mut after = before.clone();
+        let stitcher = seams.stitcher(patches, &before, &Progress::default()).unwrap();
+        stitcher.stitch(&mut after, &Progress::default());
+        let texels = |chart: u32| (0..patches.front).filter(|&i| patches.chart(i) == chart).count();
+        let charts = 1 + (0..patches.front).map(|i| patches.chart(i)).max().unwrap();
+        let wide: Vec<bool> = (0..charts).map(|chart| texels(chart) >= 100).collect();
+        let [held, holds] = [&before, &after].map(|l| l.pixels().map(|p| p[0]).collect::<Vec<f32>>());
+        let of = |values: &[f32], i: usize| values[patches.texel[i] as usize];
+        let even: Vec<usize> = (0..patches.front)
+            .filter(|&i| wide[patches.chart(i) as usize] && patches.exposed[i] > 0.0 && of(&held, i) == SHADE)
+            .collect();
+        let least = even.iter().map(|&i| of(&holds, i)).fold(f32::INFINITY, f32::min) / SHADE;
+        let changed = even.iter().filter(|&&i| of(&holds, i) != SHADE).count();
+        eprintln!("{name}: {changed} of {} texels in the shade change, none to less than {least:.3}", even.len());
+        assert!(changed > 20 && least > 0.799, "{name}: {changed}, {least}");
+    }
+}
+
 trait Pixels {
     fn pixels(&self) -> impl Iterator<Item = &[f32; 4]>;
 }
