@@ -89,17 +89,10 @@ impl Errors {
         add(&mut self.bias, &other.bias);
     }
 
-    /// Over all patches together; there the bias is known well enough to be added where it is not negative.
-    #[must_use]
-    pub fn sum(&self) -> f64 {
-        self.sum_of(|_| true)
-    }
-
-    /// The same over the patches that count.
+    /// Over the patches that count together; there the bias is known well enough to be added where it is not negative.
     #[must_use]
     pub fn sum_of(&self, counts: impl Fn(usize) -> bool + Sync) -> f64 {
-        let value = |values: &[f32], i: usize| if counts(i) { f64::from(values[i]) } else { 0.0 };
-        let sum = |values: &[f32]| parallel::sum(values.len(), |i| value(values, i));
+        let sum = |values: &[f32]| parallel::sum(values.len(), |i| if counts(i) { f64::from(values[i]) } else { 0.0 });
         sum(&self.noise) + sum(&self.bias).max(0.0)
     }
 

@@ -35,26 +35,16 @@ pub(super) struct Sheets<'a> {
     solids: Solids<'a>,
     frame: Frame,
     /// Of the texel [m].
-    position: Vec3,
-    /// Of the texel [m].
     edge: f32,
-    /// `None` for too many.
-    close: Option<Vec<Sheet>>,
+    /// A corner and the normal of each; `None` for too many.
+    planes: Option<Vec<[Vec3; 2]>>,
     /// Bound of rounding [m].
     pad: f32,
 }
 
-/// A triangle of a sheet.
-struct Sheet {
-    corner: Vec3,
-    normal: Vec3,
-    /// Lowest and highest coordinate along the normal of the texel, less that of the texel [m].
-    span: [f32; 2],
-}
-
 impl<'a> Sheets<'a> {
-    /// What is close to a front patch. With it known, points before all of it, as beside most walls, and points whose rays
-    /// along the texel go over or below all of it, as on a round body, need no rays.
+    /// What is close to a front patch, and not over or below all rays along it, as on a round body. With the planes known,
+    /// points before all of them, as beside most walls, need no rays.
     pub(super) fn near(patches: &Patches, solids: Solids<'a>, patch: usize) -> Self {
         let (tracer, edge) = (solids.tracer, patches.texel_edge(patch));
         let scene = tracer.scene();
@@ -74,7 +64,7 @@ impl<'a> Sheets<'a> {
         }
         let pad = rounding(tracer);
         let (middle, half) = ((low + high) * 0.5, (high - low) * 0.5);
-        let mut close = vec![];
+        let mut planes = vec![];
         let reach = Vec3::splat(ACROSS * edge + pad);
         let too_many = tracer.any_within(low - reach, high + reach, |t| {
             let (corner, normal) = (scene.corners(t)[0], scene.geometric_normal(t));
@@ -82,21 +72,18 @@ impl<'a> Sheets<'a> {
             let span = span(scene, t, [patches.position[patch], frame.n]);
             let is_level = rays[0] - pad <= span[1] && span[0] <= rays[1] + pad;
             if !is_before && is_level && is_sheet(scene, solids.closed, t) {
-                close.push(Sheet { corner, normal, span });
+                planes.push([corner, normal]);
             }
-            close.len() > MOST_PLANES
+            planes.len() > MOST_PLANES
         });
-        Self { solids, frame, position: patches.position[patch], edge, close: (!too_many).then_some(close), pad }
+        Self { solids, frame, edge, planes: (!too_many).then_some(planes), pad }
     }
 
     /// A point on the surface of the texel lies behind the back of one that is close.
     pub(super) fn hide(&self, point: Vec3) -> bool {
         let origin = point + self.frame.n * (LOW * self.edge);
-        let height = (origin - self.position).dot(self.frame.n);
-        let misses = |Sheet { corner, normal, span }: &Sheet| {
-            (origin - corner).dot(*normal) > self.pad || span[0] - self.pad > height || height > span[1] + self.pad
-        };
-        if self.close.as_ref().is_some_and(|close| close.iter().all(misses)) {
+        let is_before = |[corner, normal]: &[Vec3; 2]| (origin - corner).dot(*normal) > self.pad;
+        if self.planes.as_ref().is_some_and(|planes| planes.iter().all(is_before)) {
             return false;
         }
         (0..DIRECTIONS).any(|k| {

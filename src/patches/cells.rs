@@ -75,22 +75,9 @@ impl Patches {
         let front = self.front_patch(patch);
         let n = if self.mask[patch] == u64::MAX { n } else { n.max(MASK_GRID) };
         for f in self.fragments.range(front) {
-            self.cell_points(front, f, n, |point, centroid, area| {
+            self.cell_centroids(front, f, n, |point, centroid, area| {
                 if self.is_exposed_at(patch, centroid) {
                     visit(point, centroid.as_vec2(), area);
-                }
-            });
-        }
-    }
-
-    /// [`Patches::cells`] where nothing but the place within the texel matters.
-    pub(super) fn cell_places(&self, patch: usize, n: u32, mut visit: impl FnMut(Vec2, f32)) {
-        let front = self.front_patch(patch);
-        let n = if self.mask[patch] == u64::MAX { n } else { n.max(MASK_GRID) };
-        for f in self.fragments.range(front) {
-            self.cell_centroids(front, f, n, |centroid, area| {
-                if self.is_exposed_at(patch, centroid) {
-                    visit(centroid.as_vec2(), area);
                 }
             });
         }
@@ -113,7 +100,7 @@ impl Patches {
                 let polygon = self.polygon(front, f);
                 add(polygon.centroid(), polygon.area());
             } else {
-                self.cell_centroids(front, f, MASK_GRID, |centroid, area| {
+                self.cell_centroids(front, f, MASK_GRID, |_, centroid, area| {
                     if self.is_exposed_at(front, centroid) {
                         add(centroid, f64::from(area));
                     }
@@ -125,25 +112,25 @@ impl Patches {
 
     /// [`Patches::cells`] for one fragment, hidden cells included.
     pub(super) fn fragment_cells(&self, front: usize, f: usize, n: u32, mut visit: impl FnMut(SurfacePoint, f32)) {
-        self.cell_points(front, f, n, |point, _, area| visit(point, area));
+        self.cell_centroids(front, f, n, |point, _, area| visit(point, area));
     }
 
     /// Calls `visit(point, centroid in texel coordinates, area [texel²])`.
-    pub(super) fn cell_points(&self, front: usize, f: usize, n: u32, mut visit: impl FnMut(SurfacePoint, DVec2, f32)) {
+    pub(super) fn cell_centroids(
+        &self,
+        front: usize,
+        f: usize,
+        n: u32,
+        mut visit: impl FnMut(SurfacePoint, DVec2, f32),
+    ) {
         let triangle = self.fragments.triangle(front, f);
         let map = self.map(triangle, front);
-        self.cell_centroids(front, f, n, |centroid, area| {
-            visit(SurfacePoint { triangle, b: map.weights(centroid) }, centroid, area);
-        });
-    }
-
-    /// Calls `visit(centroid in texel coordinates, area [texel²])`.
-    pub(super) fn cell_centroids(&self, front: usize, f: usize, n: u32, mut visit: impl FnMut(DVec2, f32)) {
+        let at = |c: DVec2| SurfacePoint { triangle, b: map.weights(c) };
         let side = 1.0 / f64::from(n);
         if self.fragments.covered[f] > 0.999_999 {
             for k in 0..n * n {
                 let centroid = DVec2::new(f64::from(k % n) + 0.5, f64::from(k / n) + 0.5) * side;
-                visit(centroid, (side * side) as f32);
+                visit(at(centroid), centroid, (side * side) as f32);
             }
             return;
         }
@@ -158,7 +145,7 @@ impl Patches {
                 let area = cell.area();
                 if area > 1e-9 {
                     let centroid = cell.centroid() * side;
-                    visit(centroid, (area * side * side) as f32);
+                    visit(at(centroid), centroid, (area * side * side) as f32);
                 }
             }
         }

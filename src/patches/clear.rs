@@ -11,7 +11,7 @@
 
 use super::Patches;
 use super::blocks::{BLOCK, Block};
-use super::exposed::{Around, Plane};
+use super::exposed::{Around, Plane, SAME_PLANE};
 use super::solids::{Solids, sees_no_back};
 use crate::base::{Progress, parallel};
 
@@ -56,7 +56,7 @@ fn is_clear(patches: &Patches, solids: Solids<'_>, texels: &Block) -> bool {
     let (tracer, middle) = (solids.tracer, texels[texels.len() / 2].1);
     let plane = Plane::of(patches, middle);
     let all = texels.iter().map(|(_, i)| *i);
-    let Some(Around { low, high, .. }) = plane.around(patches, tracer, all, 0.0) else { return false };
+    let Some(Around { low, high, .. }) = plane.around(patches, tracer, all, SAME_PLANE) else { return false };
     let is_alone = !tracer.any_within(low, high, |triangle| !plane.holds(tracer.scene(), triangle));
     let outermost = [(1, 1), (-1, -1), (1, -1), (-1, 1)].map(|(x, y): (i32, i32)| {
         let along = |k: u32| x * (k % BLOCK) as i32 + y * (k / BLOCK) as i32;

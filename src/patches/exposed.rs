@@ -34,11 +34,11 @@ const REACH: f32 = 0.75;
 /// [`LOW`].
 const FLAT: f32 = 0.005;
 /// Cosine to the texel's normal from which a surface counts as parallel.
-const SAME_PLANE: f32 = 0.9999;
+pub(super) const SAME_PLANE: f32 = 0.9999;
 /// Angle up to which a surface may lie on another face to face: more than seals [rad].
 const FACING: f32 = 0.2;
-/// Angle between the texel's normal and those of its triangles up to which it is looked at as a whole [rad].
-const BENT: f32 = 0.5;
+/// Cosine between the texel's normal and those of its triangles from which on it is looked at as a whole.
+const BENT: f32 = 0.877_582_55;
 /// Rounding of positions, relative to the largest coordinate.
 const PAD: f32 = 1e-5;
 
@@ -178,7 +178,7 @@ fn cells(
     let sheets = about.sheet.then(|| Sheets::near(patches, solids, patch));
     for f in fragments {
         let mut points = vec![];
-        patches.cell_points(patch, f, MASK_GRID, |point, centroid, area| points.push((point, centroid, area)));
+        patches.cell_centroids(patch, f, MASK_GRID, |point, centroid, area| points.push((point, centroid, area)));
         let index = |centroid| cell_index(centroid, MASK_GRID);
         // A fragment has one point in a cell.
         let looked_at: Vec<bool> = points.iter().map(|p| cells[index(p.1)].points < most).collect();
@@ -260,13 +260,13 @@ impl Plane {
     }
 
     /// What has to do with texels in it: their surface, and what stands on them or close beside. `None` if one of them
-    /// is not flat, or faces another way, by more than `most` [rad].
+    /// has a triangle whose normal is farther from the plane's than by a cosine of `most_bent`.
     pub(super) fn around(
         &self,
         patches: &Patches,
         tracer: &Tracer<'_>,
         texels: impl Iterator<Item = usize>,
-        most: f32,
+        most_bent: f32,
     ) -> Option<Around> {
         let scene = tracer.scene();
         let pad = Vec3::splat(rounding(tracer));
@@ -279,7 +279,7 @@ impl Plane {
             for f in patches.fragments.range(patch) {
                 let triangle = patches.fragments.triangle(patch, f);
                 least = least.min(scene.geometric_normal(triangle).dot(self.normal));
-                if least < SAME_PLANE && least < libm::cosf(most) {
+                if least < most_bent {
                     return None;
                 }
                 let map = patches.map(triangle, patch);
@@ -289,8 +289,7 @@ impl Plane {
                 }
             }
         }
-        let bent = if least < SAME_PLANE { libm::acosf(least) } else { 0.0 };
-        Some(Around { low: low - pad, high: high + pad, bent })
+        Some(Around { low: low - pad, high: high + pad, bent: libm::acosf(least) })
     }
 }
 
@@ -318,7 +317,7 @@ fn near(patches: &Patches, tracer: &Tracer<'_>, patch: usize, about: &About) -> 
     if !about.facing.is_nowhere() {
         for f in some_of(patches, patch) {
             let mut sealed = false;
-            patches.cell_points(patch, f, 2, |point, _, _| {
+            patches.cell_centroids(patch, f, 2, |point, _, _| {
                 sealed = sealed || about.facing.seals(tracer, point);
             });
             if sealed {

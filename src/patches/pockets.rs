@@ -172,7 +172,7 @@ impl Patches {
         let front = self.front_patch(patch);
         let mut cells = [Cell::default(); (MASK_GRID * MASK_GRID) as usize];
         for f in self.fragments.range(front) {
-            self.cell_points(front, f, MASK_GRID, |point, centroid, area| {
+            self.cell_centroids(front, f, MASK_GRID, |point, centroid, area| {
                 let cell = &mut cells[cell_index(centroid, MASK_GRID)];
                 let position = tracer.scene().position(point.triangle, point.b);
                 let from = above(position, patch);

@@ -108,7 +108,7 @@ fn cut_off(patches: &Patches, solids: Solids<'_>, walled: &[bool]) -> Vec<[u32; 
 /// Weight of a texel in the look-ups of the exposed surface of patch `j`, which lies at `offset` from it [texel²].
 fn read_by(patches: &Patches, j: usize, offset: Vec2) -> f32 {
     let mut sum = 0.0;
-    patches.cell_places(j, CELLS, |within, area| {
+    patches.cells(j, CELLS, |_, within, area| {
         let reach = (Vec2::ONE - (offset + within - 0.5).abs()).max(Vec2::ZERO);
         sum += area * reach.x * reach.y;
     });
@@ -118,7 +118,7 @@ fn read_by(patches: &Patches, j: usize, offset: Vec2) -> f32 {
 /// The same where cells say zero: the largest weight of any look-up, over a cell of the mask [texel²].
 fn barely_read_by(patches: &Patches, solids: Solids<'_>, j: usize, offset: DVec2) -> f32 {
     let mut middles = vec![];
-    patches.cell_places(j, MASK_GRID, |within, _| {
+    patches.cells(j, MASK_GRID, |_, within, _| {
         let within = within.as_dvec2();
         if (DVec2::ONE - (offset + within - 0.5).abs()).min_element() > -CELL {
             middles.push(within);
@@ -138,14 +138,14 @@ fn barely_read_by(patches: &Patches, solids: Solids<'_>, j: usize, offset: DVec2
 
 /// The last open point on the way from an open one along an axis, by at most the width of a cell.
 fn outermost(from: DVec2, toward: DVec2, axis: usize, is_open: &dyn Fn(DVec2, DVec2) -> bool) -> DVec2 {
+    if toward[axis] == 0.0 {
+        return from;
+    }
     let at = |way: f64| {
         let mut point = from;
         point[axis] += toward[axis] * way;
         point
     };
-    if toward[axis] == 0.0 {
-        return from;
-    }
     let (mut open, mut closed) = (0.0, CELL);
     for _ in 0..HALVINGS {
         let middle = 0.5 * (open + closed);

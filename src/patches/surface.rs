@@ -268,7 +268,7 @@ fn open_cells(patches: &Patches, patch: usize) -> Vec<OpenCell> {
     let (mut open, mut running) = (vec![], 0.0);
     let front = patches.front_patch(patch);
     for (fragment, f) in patches.fragments.range(front).enumerate() {
-        patches.cell_centroids(front, f, MASK_GRID, |middle, area| {
+        patches.cell_centroids(front, f, MASK_GRID, |_, middle, area| {
             if patches.is_exposed_at(patch, middle) {
                 running += area;
                 let inner = area > 0.999 * CELL_AREA && patches.is_inside_exposed(patch, middle);

@@ -70,7 +70,7 @@ const MOST_SHADOW: f64 = 15.0;
 const LEAST: f64 = 0.25;
 /// The same for a texel of a wide chart, as part of the darkest of the chart's texels around it, if that is more. Where the edge
 /// of a shadow crosses a seam, the lattices of the two sides agree best with dark texels beside the bright ones: dashes at
-/// a quarter of the light of even shade, along all seams that the sun's edge crosses on a smooth body. Steps stay
+/// a quarter of the light of even shade, along all seams that the shadow of a lamp crosses on a smooth body. Steps stay
 /// (0.90 to 0.91 % there; torus, 32 texels per metre, 0.38 to 0.48 %; lumpy body 1.8 to 1.9 %; with 0.9 the torus has
 /// 0.63 %). With 0.8 of what the texel itself held, light runs along seams into the dark, twice as bright.
 const DARKEST: f64 = 0.8;
@@ -160,7 +160,7 @@ pub(super) struct Equations {
     factor: Option<Factor>,
     /// Texel of each unknown, ascending.
     texels: Vec<u32>,
-    /// Texels of its chart in it and around it, some twice; `None` beyond charts.
+    /// Texels of its chart in it and around it, some twice; `None` beyond wide charts.
     near: Vec<Option<[u32; 9]>>,
 }
 
