@@ -12,7 +12,7 @@
 //! Limits: double-sided sheets have no side to prefer; a texel belongs to both sides of them.
 
 use super::Patches;
-use super::exposed::{LOW, rounding};
+use super::exposed::{LOW, MOST_NEAR, rounding};
 use super::solids::Solids;
 use crate::base::Frame;
 use crate::scene::Scene;
@@ -64,9 +64,10 @@ impl<'a> Sheets<'a> {
         }
         let pad = rounding(tracer);
         let (middle, half) = ((low + high) * 0.5, (high - low) * 0.5);
-        let mut planes = vec![];
+        let (mut planes, mut looks) = (vec![], 0);
         let reach = Vec3::splat(ACROSS * edge + pad);
         let too_many = tracer.any_within(low - reach, high + reach, |t| {
+            looks += 1;
             let (corner, normal) = (scene.corners(t)[0], scene.geometric_normal(t));
             let is_before = (middle - corner).dot(normal) > half.dot(normal.abs()) + pad;
             let span = span(scene, t, [patches.position[patch], frame.n]);
@@ -74,7 +75,7 @@ impl<'a> Sheets<'a> {
             if !is_before && is_level && is_sheet(scene, solids.closed, t) {
                 planes.push([corner, normal]);
             }
-            planes.len() > MOST_PLANES
+            planes.len() > MOST_PLANES || looks == MOST_NEAR
         });
         Self { solids, frame, edge, planes: (!too_many).then_some(planes), pad }
     }

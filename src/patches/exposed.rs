@@ -48,7 +48,7 @@ const MOST_LOOKS: usize = 64;
 
 /// Triangles near a texel from which on it is taken for one that anything may stand within: boxes of texels as large as
 /// the scene hold all of it.
-const MOST_NEAR: u32 = 512;
+pub(super) const MOST_NEAR: u32 = 512;
 /// Points that are looked at in a cell of the mask; what else lies there is taken for the like. A texel below a thousand
 /// triangles, each as large as itself, would take 64,000 looks.
 const MOST_POINTS: u32 = 8;

@@ -133,18 +133,19 @@ impl Lattice {
 
 /// Distance between two patches in texel edges, if they can be side by side and the texel grid does not know.
 fn beside(patches: &Patches, scene: &Scene, i: usize, j: usize) -> Option<f32> {
-    if i == j || patches.is_back(i) != patches.is_back(j) || on_grid(patches, i, j) {
+    if i == j || patches.is_back(i) != patches.is_back(j) {
         return None;
     }
-    // The walk's light is missing on what casts none; shared with it, it would be lost.
-    if patches.casts(scene, i) != patches.casts(scene, j) {
-        return None;
-    }
+    // Distance comes first: it leaves few of the hundreds of texels that lie in the same cells of space.
     let offset = patches.position[j] - patches.position[i];
     let edge = 0.5 * (patches.texel_edge(i) + patches.texel_edge(j));
     let distance = offset.length() / edge;
-    let off_plane = offset.dot(patches.normal[i]).abs().max(offset.dot(patches.normal[j]).abs()) / edge;
-    (distance < NEAR && off_plane < OFF_PLANE).then_some(distance)
+    let off_plane = || offset.dot(patches.normal[i]).abs().max(offset.dot(patches.normal[j]).abs()) / edge;
+    if !(distance < NEAR && off_plane() < OFF_PLANE) || on_grid(patches, i, j) {
+        return None;
+    }
+    // The walk's light is missing on what casts none; shared with it, it would be lost.
+    (patches.casts(scene, i) == patches.casts(scene, j)).then_some(distance)
 }
 
 /// The texels are neighbours in one chart.
