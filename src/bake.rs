@@ -147,6 +147,7 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     let charted = clock.timed("atlas", |_| atlas::build(&scene, &atlas_settings(settings, flag)))??;
     let atlas = charted.output;
     warnings.extend(charted.warnings);
+    warnings.extend(scene.missing_materials());
     admit(&scene, &atlas, settings)?;
     let mut patches = clock.timed("patches", |progress| Patches::new(&tracer, &atlas, progress))?;
     warnings.extend(sides::turn(&tracer, &atlas, &mut patches, settings, &mut clock)?);

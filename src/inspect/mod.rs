@@ -122,7 +122,7 @@ pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
         utilization: atlas.utilization(),
         memory,
         time,
-        warnings: loaded.warnings.into_iter().chain(charted.warnings).collect(),
+        warnings: loaded.warnings.into_iter().chain(charted.warnings).chain(scene.missing_materials()).collect(),
     })
 }
 

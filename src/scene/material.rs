@@ -8,6 +8,7 @@
 //! follow the example: u' = u·cos + v·sin, v' = −u·sin + v·cos, after the scale and before the offset.
 
 use super::Error;
+use super::Scene;
 use super::Volume;
 use super::primitive::MAX_UV_SETS;
 use super::schema::MaterialEntry;
@@ -175,6 +176,27 @@ pub(super) fn read(root: &Root, normal_maps: bool, warnings: &mut Vec<Warning>) 
     }
     materials.push(convert(&MaterialEntry::default(), "default material".to_owned(), root, warnings)?);
     Ok(materials)
+}
+
+impl Scene {
+    /// Warns of surface that is lit and has no material: by glTF's defaults that is metal, which reflects no diffuse light,
+    /// and shows none of its lightmap in viewers. Models that get their looks from a program often come that way.
+    #[must_use]
+    pub fn missing_materials(&self) -> Option<Warning> {
+        let default = self.materials.len() - 1;
+        let mut without = self.parts.iter().filter(|part| part.receives && part.material == default);
+        let first = without.next()?;
+        let others = match without.count() {
+            0 => String::new(),
+            n => format!(" and {n} more primitives"),
+        };
+        let what = format!(
+            "{}, primitive {}{others} have no material; by glTF's defaults that is metal, which reflects no diffuse light and \
+             shows none of its lightmap; give them one with metallicFactor 0",
+            first.name, first.primitive
+        );
+        Some(Warning::new("no-material", what).at(&first.name))
+    }
 }
 
 fn convert(entry: &MaterialEntry, name: String, root: &Root, warnings: &mut Vec<Warning>) -> Result<Material, Error> {

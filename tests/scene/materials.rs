@@ -130,6 +130,19 @@ fn metallic_emission_alpha_and_sides() {
 }
 
 #[test]
+fn lit_surface_without_a_material_is_told() {
+    let mut b = Builder::square(json!({"pbrMetallicRoughness": {"metallicFactor": 0}}));
+    let bare = json!({"attributes": {"POSITION": 0}, "indices": 2});
+    let mesh = b.push("meshes", json!({"primitives": [bare, bare]}));
+    let node = b.push("nodes", json!({"mesh": mesh, "name": "Bare", "extras": {"texelwalk": {"receives": false}}}));
+    assert_eq!(load(&b).missing_materials(), None);
+    b.set(&format!("/nodes/{node}/extras"), json!({}));
+    let warning = load(&b).missing_materials().unwrap();
+    assert_eq!((warning.code, warning.node.as_deref()), ("no-material", Some("Bare")));
+    assert!(warning.message.starts_with("Bare, primitive 0 and 1 more primitives have"), "{}", warning.message);
+}
+
+#[test]
 fn alpha_is_factor_times_texture_times_vertex_colour() {
     let mut b = textured(json!({}), json!({"magFilter": 9728}));
     b.set("/materials/0/pbrMetallicRoughness/baseColorFactor", json!([1, 1, 1, 0.5]));
