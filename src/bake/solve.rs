@@ -18,9 +18,9 @@ use super::clock::{Clock, Stop};
 use super::power;
 use crate::base::random::mix;
 use crate::base::{LightVector, Progress, Rgb, color, parallel};
-use crate::finish::{self, Along};
+use crate::finish::{self, Along, Errors};
 use crate::gather::{self, Gathered, Openness};
-use crate::light::glare::{Glare, Sent};
+use crate::light::glare::{Glare, Glared, Sent};
 use crate::light::{self, Emitters, shoot};
 use crate::output::report;
 use crate::patches::{PatchGraph, Patches, Shine, Tilts};
@@ -88,11 +88,11 @@ pub(super) struct Solver<'a> {
     walked: [[Vec<Rgb>; 2]; 2],
     /// Patches that are looked at like lamps, by what the first pass found; `None` before its gather.
     glare: Option<Glare>,
-    /// Irradiance of the front patches by them [lx]; empty if there are none.
-    glared: [Vec<Rgb>; 2],
+    /// Irradiance of the front patches by them.
+    glared: Glared,
     gathered: Gathered,
-    /// Samples, lines and samples of glare so far.
-    spent: [f64; 3],
+    /// Samples and lines so far.
+    spent: [f64; 2],
     pub(super) power: report::Walk,
     pub(super) shadow_rays: u64,
 }
@@ -187,13 +187,13 @@ impl<'a> Solver<'a> {
             vectors: vec![],
             walked: [black(), black()],
             glare: None,
-            glared: [vec![], vec![]],
+            glared: Glared::default(),
             gathered: if setup.settings.is_directional() {
                 Gathered::directional(patches)
             } else {
                 Gathered::new(patches)
             },
-            spent: [0.0; 3],
+            spent: [0.0; 2],
             power: report::Walk::default(),
             shadow_rays: 0,
         }
@@ -327,16 +327,27 @@ impl<'a> Solver<'a> {
             }
         };
         if !glare.is_empty() {
-            let more = budget.gather.div_ceil(2 * GLARE_RAYS);
-            let before = self.spent[2] as u32;
-            let (found, rays) = clock.timed("glare", |progress| {
-                glare.light(sent, self.emitters, before..before + more, GLARE_RAYS as f32, progress)
-            })?;
-            let share = grow(&mut self.spent[2], f64::from(more));
-            self.glared.iter_mut().zip(found).for_each(|(all, new)| merge(all, new, share));
-            self.shadow_rays += rays;
+            clock.timed("glare", |progress| self.sample(&glare, setup, budget, sent, progress))?;
         }
         Ok(glare)
+    }
+
+    /// Light of such patches by samples: as with rays of the gather, two thirds go where the errors are largest, which are
+    /// few texels with a view into a lampshade.
+    fn sample(&mut self, glare: &Glare, setup: &Setup<'_>, budget: &Budget, sent: &Sent<'_>, progress: &Progress) {
+        let all = budget.gather.div_ceil(2 * GLARE_RAYS);
+        let first = if setup.settings.splat == SplatMode::Share { all.div_ceil(3) } else { all };
+        let (rays, shot) = (GLARE_RAYS as f32, self.glared.rays);
+        let glared = &mut self.glared;
+        glare.add(glared, sent, self.emitters, |_| first, rays, progress);
+        let viewers = glared.viewers();
+        if all > first && viewers > 0 && !progress.cancelled() {
+            let error = Errors::of_noise(&glared.halves());
+            let mean = (all - first) as f32 * viewers as f32 / setup.patches.front as f32;
+            let samples = gather::second_round(&error.around(setup.patches, setup.graph), mean);
+            glare.add(glared, sent, self.emitters, |i| samples[i], rays, progress);
+        }
+        self.shadow_rays += glared.rays - shot;
     }
 
     /// The last bounce. With sharing, two thirds of the rays go where the errors are largest after the first third.
@@ -354,7 +365,7 @@ impl<'a> Solver<'a> {
         if half > first && !progress.cancelled() {
             let [mut a, mut b] = self.gathered.halves();
             let error = finish::share(field.patches, graph, [&mut a, &mut b], Along::default());
-            let rays = gather::second_round(&error.around(field.patches, graph), half - first);
+            let rays = gather::second_round(&error.around(field.patches, graph), (half - first) as f32);
             self.gathered.add(field, |i| rays[i], progress);
         }
     }
@@ -382,8 +393,8 @@ impl<'a> Solver<'a> {
             vectors: [self.vectors.iter().take(front).copied().collect(), self.gathered.vectors()],
             indirect: if setup.settings.gather > 0 {
                 let mut halves = self.gathered.halves();
-                for (half, glared) in halves.iter_mut().zip(&self.glared) {
-                    half.iter_mut().zip(glared).for_each(|(sum, own)| *sum += *own);
+                for (half, glared) in halves.iter_mut().zip(self.glared.halves()) {
+                    half.iter_mut().zip(glared).for_each(|(sum, own)| *sum += own);
                 }
                 halves
             } else {

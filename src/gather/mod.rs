@@ -161,14 +161,14 @@ impl Gathered {
 /// Rays per half that a second round of `mean` rays per half gives each texel: in proportion to the root of `error`
 /// (squared, smoothed).
 #[must_use]
-pub fn second_round(error: &[f32], mean: u32) -> Vec<u32> {
+pub fn second_round(error: &[f32], mean: f32) -> Vec<u32> {
     let deviation = |i: usize| error[i].max(0.0).sqrt();
     let total = parallel::sum(error.len(), |i| f64::from(deviation(i)));
     if total <= 0.0 {
         return vec![0; error.len()];
     }
     let scale = (f64::from(mean) * error.len() as f64 / total) as f32;
-    let most = mean as f32 * MOST_EXTRA;
+    let most = mean * MOST_EXTRA;
     parallel::map(error.len(), |i| (deviation(i) * scale).min(most).round() as u32)
 }
 

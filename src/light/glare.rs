@@ -2,7 +2,8 @@
 //! beside a lamp, a patch of sun.
 //!
 //! In: what all patches send on, and what falls on them, roughly. Out: irradiance of the front patches by the brightest of
-//! them, as two halves that share no random number, and the share of their light that is left to rays ([`Viewers`]).
+//! them, as two halves that share no random number ([`Glared`]), and the share of their light that is left to rays
+//! ([`Viewers`]).
 //!
 //! Rays of the gather find such patches by chance: one ray that does adds the whole patch to its texel, and sharing takes
 //! what both halves have found for an edge. So of what is brighter than [`CAP`] times what the texel shows itself, rays
@@ -16,6 +17,9 @@
 //!
 //! In a living room with point lights in its shades (54,000 texels), relative errors of what is not in the shades fell from
 //! 16 to 9 % (root mean square of the lower 99 %) for 1.35 times the time of the bake; fixtures without glare pay nothing.
+//! In a room with three paper shades (42,655 texels) NRMSE of the lower 99 % fell from 5.4 to 4.4 % when two thirds of the
+//! samples went where the halves differ most, for at most 1.03 times the time of bakes that gain nothing by it. Of samples,
+//! 30 % see their lamp there. Caps of 2 and 4 and twice the samples pay with as much time as they gain.
 //!
 //! Tried, NRMSE of two rooms by `production`, 1.20 % with rays alone as with what is kept: lines of the walk instead of
 //! samples 1.40 %; a cap that is the same for all texels, and rays alone within four texels of a lamp, 2.3 %. With that
@@ -37,7 +41,6 @@ use crate::base::{Progress, Rgb, parallel};
 use crate::patches::{PatchSurface, Patches, Sight, Tilts};
 use crate::trace::Tracer;
 use core::f32::consts::{FRAC_1_PI, PI};
-use core::ops::Range;
 use glam::{Vec2, Vec3};
 
 /// Radiance that a ray may read, over what the texel shows itself if it is white, and over the mean of what is not among
@@ -70,6 +73,39 @@ pub struct Glare {
     tree: Tree,
     /// The largest of the levels.
     brightest: f32,
+}
+
+/// Irradiance by lamps, as far as it is left out of what rays read: sums of samples per front patch.
+#[derive(Debug, Default)]
+pub struct Glared {
+    texels: Vec<Texel>,
+    /// Shadow rays that were shot.
+    pub rays: u64,
+}
+
+/// One texel's sums.
+#[derive(Debug, Clone, Copy, Default)]
+struct Texel {
+    /// Of the samples of each half [lx].
+    sums: [Rgb; 2],
+    /// Samples of each half.
+    samples: u32,
+}
+
+impl Glared {
+    /// Irradiance of the front patches by each half [lx]; empty if nothing was looked for.
+    #[must_use]
+    pub fn halves(&self) -> [Vec<Rgb>; 2] {
+        [0, 1].map(|h: usize| {
+            parallel::map(self.texels.len(), |i| self.texels[i].sums[h] / self.texels[i].samples.max(1) as f32)
+        })
+    }
+
+    /// Front patches that have samples.
+    #[must_use]
+    pub fn viewers(&self) -> usize {
+        self.texels.iter().filter(|texel| texel.samples > 0).count()
+    }
 }
 
 /// What lamps send out.
@@ -199,47 +235,51 @@ impl Glare {
         Viewers { glare: self, look: Look::new(sent.tracer, sent.patches, emitters, false), rays }
     }
 
-    /// Irradiance of the front patches by the lamps [lx], as far as it is left out of what rays read: mean over a range
-    /// of the samples of each half; and the number of rays that were traced. `rays` as for [`Glare::viewers`].
-    #[must_use]
-    pub fn light(
+    /// Adds samples of each half, so many for each front patch that needs any; what a patch has samples of goes on where
+    /// they ended. `rays` as for [`Glare::viewers`].
+    pub fn add(
         &self,
+        glared: &mut Glared,
         sent: &Sent<'_>,
         emitters: &Emitters,
-        samples: Range<u32>,
+        samples: impl Fn(usize) -> u32 + Sync,
         rays: f32,
         progress: &Progress,
-    ) -> ([Vec<Rgb>; 2], u64) {
+    ) {
         let Sent { tracer, patches, .. } = *sent;
+        glared.texels.resize(patches.front, Texel::default());
         let lamps = parallel::map(self.lamps.len(), |k| PatchSurface::new(tracer, patches, self.lamps[k] as usize));
         let unused = Look::new(tracer, patches, emitters, false);
         let found = parallel::map_watched(patches.front, progress, |i| {
-            let mut look = unused.clone();
-            let Some(viewer) = self.viewer(&look, i, rays) else { return ([Rgb::ZERO; 2], 0) };
-            (viewer_light(viewer, sent, &mut look, &lamps, samples.clone()), look.rays)
+            let (before, mut look) = (glared.texels[i], unused.clone());
+            let viewer = if samples(i) > 0 { self.viewer(&look, i, rays) } else { None };
+            let Some(viewer) = viewer else { return (before, 0) };
+            (viewer_light(viewer, sent, &mut look, &lamps, before, samples(i)), look.rays)
         });
-        let halves = [0, 1].map(|h: usize| found.iter().map(|(halves, _)| halves[h]).collect());
-        (halves, found.iter().map(|(_, rays)| rays).sum())
+        glared.rays += found.iter().map(|(_, rays)| rays).sum::<u64>();
+        glared.texels = found.into_iter().map(|(texel, _)| texel).collect();
     }
 }
 
-/// Mean over a range of the samples of each half.
+/// A texel with more samples of each half than before.
 fn viewer_light<'a>(
     mut viewer: Viewer<'_>,
     sent: &Sent<'a>,
     look: &mut Look<'a>,
     lamps: &[PatchSurface<'_>],
-    samples: Range<u32>,
-) -> [Rgb; 2] {
+    mut texel: Texel,
+    more: u32,
+) -> Texel {
     let (patches, glare) = (sent.patches, viewer.glare);
     let estimate = |k: u32, site: &Site| glare.tree.rough(k, site);
     let surface = look.patch_surface(viewer.front);
     let (tile, place) = patches.tile(viewer.front);
-    [0, 1].map(|half: u64| {
+    let samples = texel.samples..(texel.samples + more).min(MOST_SAMPLES);
+    texel.samples = samples.end;
+    for (half, sum) in (0u64..).zip(&mut texel.sums) {
         let key = mix(sent.seed ^ mix((Stage::Light as u64) << 56 | half << 52 | tile));
         let sequence = Sequence::new(key);
         let offset = Stream::new(key, Stage::Light, half, 0).next_f64();
-        let mut sum = Rgb::ZERO;
         for k in samples.clone() {
             let index = place * MOST_SAMPLES + k;
             let [u, v, x, y] = sequence.point(index);
@@ -257,10 +297,10 @@ fn viewer_light<'a>(
             let geometry = sight.normal.dot(sight.direction) * sight.facing / (sight.distance * sight.distance);
             let light = sent.radiance[half as usize][lamp] * sent.tilts.of(lamp).at(spot.within) * unblocked;
             let share = viewer.share(patches, &sight, probability);
-            sum += light * (geometry * patches.exposed_area(lamp) * share / probability);
+            *sum += light * (geometry * patches.exposed_area(lamp) * share / probability);
         }
-        sum / samples.len() as f32
-    })
+    }
+    texel
 }
 
 /// Radiance up to which no patch is a lamp, where patches send on so much [cd/m²].
