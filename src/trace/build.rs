@@ -160,17 +160,22 @@ pub(super) struct Hierarchy {
 impl Hierarchy {
     /// Of the triangles of parts that are kept and stored where they stand.
     pub(super) fn new(scene: &Scene, keep: impl Fn(&Part) -> bool + Sync) -> Self {
-        Self::of(usable(scene, keep), |triangle| scene.corners(triangle))
+        Self::of(usable(scene, keep), |triangle| scene.corners(triangle), 0.0)
     }
 
-    /// Of such triangles, by their corners [m].
-    pub(super) fn of(mut items: Vec<Item>, corners: impl Fn(u32) -> [Vec3; 3] + Sync) -> Self {
+    /// Some of what is in this one, by part, with boxes as safe.
+    pub(super) fn part_of(&self, scene: &Scene, keep: impl Fn(&Part) -> bool + Sync) -> Self {
+        Self::of(usable(scene, keep), |triangle| scene.corners(triangle), self.reach() as f32)
+    }
+
+    /// Of such triangles, by their corners [m]; boxes grow as in a scene whose largest coordinate is `reach` or more [m].
+    pub(super) fn of(mut items: Vec<Item>, corners: impl Fn(u32) -> [Vec3; 3] + Sync, reach: f32) -> Self {
         if items.is_empty() {
             return Self::default();
         }
         let bounds = Bounds::of(&items);
         let bounds = (Vec3::from(bounds.min), Vec3::from(bounds.max));
-        let reach = bounds.0.abs().max(bounds.1.abs()).max_element();
+        let reach = bounds.0.abs().max(bounds.1.abs()).max_element().max(reach);
         items.par_iter_mut().for_each(|item| (item.min, item.max) = padded((item.min, item.max), reach));
         let extent = (bounds.1 - bounds.0).max_element();
         let branch = Branch { first: 0, count: items.len(), bounds: Bounds::of(&items) };

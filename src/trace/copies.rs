@@ -368,7 +368,7 @@ impl Mesh {
         let mut points: Vec<Vec3> = items.iter().flat_map(|i| corners(i.triangle)).collect();
         points.sort_unstable_by_key(key);
         points.dedup_by_key(|p| key(p));
-        Self { hierarchy: Hierarchy::of(items, corners), points }
+        Self { hierarchy: Hierarchy::of(items, corners, 0.0), points }
     }
 }
 

@@ -6,6 +6,9 @@
 
 use super::Ray3;
 use super::Tracer;
+use super::build::Child;
+use super::build::Hierarchy;
+use super::build::Node;
 use super::build::Packet;
 use super::build::WIDTH;
 use super::lanes::Lanes;
@@ -39,7 +42,22 @@ impl Crossed {
 impl Tracer<'_> {
     /// Calls `visit` for all of it, as long as that returns true. Rays that are not finite, or have no direction or length,
     /// cross nothing.
-    pub(super) fn each_crossed(&self, ray: &Ray3, mut visit: impl FnMut(Crossed) -> bool) {
+    pub(super) fn each_crossed(&self, ray: &Ray3, visit: impl FnMut(Crossed) -> bool) {
+        self.crossed_in(&self.hierarchy, ray, visit);
+    }
+
+    /// Calls `visit` for all of it that lets light pass.
+    pub(super) fn each_veil(&self, ray: &Ray3, mut visit: impl FnMut(Crossed)) {
+        self.crossed_in(self.veils.as_ref().unwrap_or(&self.hierarchy), ray, |crossed| {
+            if crossed.transparent {
+                visit(crossed);
+            }
+            true
+        });
+    }
+
+    /// The same for a part of what is not shared, and all that is.
+    fn crossed_in(&self, hierarchy: &Hierarchy, ray: &Ray3, mut visit: impl FnMut(Crossed) -> bool) {
         if !ray.is_valid() {
             return;
         }
@@ -53,27 +71,30 @@ impl Tracer<'_> {
             visit(Crossed { triangle, transparent: tagged != triangle, t, front: crossing.front(), crossing })
         };
         let go_on = self.shared.is_empty() || self.shared.each::<Portable>(ray, &shear, &mut one);
-        if !go_on || self.hierarchy.nodes.is_empty() {
+        if !go_on || hierarchy.nodes.is_empty() {
             return;
         }
         let (slab, lanes) = (Slab::<Portable>::new(self, ray.origin, &shear), ShearLanes::<Portable>::new(&shear));
         let most = Portable::splat(limit(ray.t_max, shear.scale()));
-        let mut open = vec![self.hierarchy.root];
+        let below = |node: &Node, open: &mut Vec<Child>| {
+            let mask = slab.meet(node, most).1;
+            open.extend((0..WIDTH).filter(|slot| mask >> slot & 1 == 1).map(|slot| node.children[slot]));
+        };
+        let mut open = vec![];
+        below(&hierarchy.nodes[hierarchy.root.as_node()], &mut open);
         while let Some(child) = open.pop() {
-            if let Some((packet, count)) = child.as_packet() {
-                let packet = &self.hierarchy.packets[packet];
-                let mask = lanes.filter(packet, &shear);
-                for lane in (0..count).filter(|lane| mask >> lane & 1 == 1) {
-                    if let Some(crossing) = shear.cross(packet, lane)
-                        && !one(crossing, packet.triangles[lane])
-                    {
-                        return;
-                    }
+            let Some((packet, count)) = child.as_packet() else {
+                below(&hierarchy.nodes[child.as_node()], &mut open);
+                continue;
+            };
+            let packet = &hierarchy.packets[packet];
+            let mask = lanes.filter(packet, &shear);
+            for lane in (0..count).filter(|lane| mask >> lane & 1 == 1) {
+                if let Some(crossing) = shear.cross(packet, lane)
+                    && !one(crossing, packet.triangles[lane])
+                {
+                    return;
                 }
-            } else {
-                let node = &self.hierarchy.nodes[child.as_node()];
-                let mask = slab.meet(node, most).1;
-                open.extend((0..WIDTH).filter(|slot| mask >> slot & 1 == 1).map(|slot| node.children[slot]));
             }
         }
     }

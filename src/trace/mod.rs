@@ -86,6 +86,8 @@ pub struct Line {
 pub struct Tracer<'a> {
     scene: &'a Scene,
     hierarchy: Hierarchy,
+    /// What of `hierarchy` lets light pass, if that is little of it: most rays cross none.
+    veils: Option<Hierarchy>,
     /// Parts that share their geometry, which are not in `hierarchy`.
     shared: Shared,
     /// Largest absolute coordinate of all [m].
@@ -113,6 +115,8 @@ struct Ray3 {
     clear: bool,
 }
 
+/// One in so many triangles may let light pass and be kept twice.
+const MOST_VEILS: usize = 8;
 /// No triangle.
 const NO_TRIANGLE: u32 = u32::MAX;
 
@@ -156,12 +160,16 @@ impl<'a> Tracer<'a> {
 
     fn of(scene: &'a Scene, keep: impl Fn(&Part) -> bool + Sync) -> Self {
         let shared = Shared::new(scene, &keep);
-        let hierarchy = Hierarchy::new(scene, keep);
+        let hierarchy = Hierarchy::new(scene, &keep);
+        let is_veil = |part: &Part| keep(part) && !scene.materials[part.material].is_opaque();
+        let veils = scene.parts.iter().filter(|part| is_veil(part)).map(|part| part.triangles.len()).sum::<usize>();
+        let few = veils > 0 && veils <= hierarchy.triangle_count / MOST_VEILS;
         let reach = hierarchy.reach().max(f64::from(shared.bounds.0.abs().max(shared.bounds.1.abs()).max_element()));
         #[cfg(target_arch = "x86_64")]
         let avx2 = machine::Avx2::detect().filter(|_| machine::Avx2::within(reach as f32));
         Self {
             scene,
+            veils: few.then(|| hierarchy.part_of(scene, is_veil)),
             hierarchy,
             shared,
             reach,
@@ -298,6 +306,7 @@ impl<'a> Tracer<'a> {
     /// Memory of the hierarchy [bytes].
     #[must_use]
     pub fn memory_bytes(&self) -> usize {
-        self.hierarchy.memory_bytes() + self.shared.memory_bytes()
+        let veils = self.veils.as_ref().map_or(0, Hierarchy::memory_bytes);
+        self.hierarchy.memory_bytes() + veils + self.shared.memory_bytes()
     }
 }

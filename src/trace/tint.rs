@@ -52,11 +52,8 @@ impl Tracer<'_> {
     #[cold]
     fn product(&self, ray: &Ray3, factor: impl Fn(u32, Vec2) -> Rgb) -> Rgb {
         let (mut product, mut walls) = (Rgb::ONE, vec![]);
-        self.each_crossed(ray, |c| {
-            if c.transparent {
-                product *= factor(c.triangle, c.weights()) * self.cross(&c, &mut walls);
-            }
-            true
+        self.each_veil(ray, |c| {
+            product *= factor(c.triangle, c.weights()) * self.cross(&c, &mut walls);
         });
         if walls.is_empty() { product } else { product * self.left_by_solids(ray, &mut walls) }
     }
