@@ -43,6 +43,12 @@ pub(super) struct Sheets<'a> {
 }
 
 impl<'a> Sheets<'a> {
+    /// For a front patch with more about it than is looked at.
+    pub(super) fn anywhere(patches: &Patches, solids: Solids<'a>, patch: usize) -> Self {
+        let frame = Frame::from_normal(patches.normal[patch]);
+        Self { solids, frame, edge: patches.texel_edge(patch), planes: None, pad: rounding(solids.tracer) }
+    }
+
     /// What is close to a front patch, and not over or below all rays along it, as on a round body. With the planes known,
     /// points before all of them, as beside most walls, need no rays.
     pub(super) fn near(patches: &Patches, solids: Solids<'a>, patch: usize) -> Self {

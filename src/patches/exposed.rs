@@ -175,7 +175,10 @@ fn cells(
     let fragments = patches.fragments.range(patch);
     let most = if fragments.len() > MOST_LOOKS { CRUMPLED_POINTS } else { MOST_POINTS };
     let height = LOW * patches.texel_edge(patch);
-    let sheets = about.sheet.then(|| Sheets::near(patches, solids, patch));
+    let sheets = about.sheet.then(|| {
+        let about = if about.crowded { Sheets::anywhere } else { Sheets::near };
+        about(patches, solids, patch)
+    });
     for f in fragments {
         let mut points = vec![];
         patches.cell_centroids(patch, f, MASK_GRID, |point, centroid, area| points.push((point, centroid, area)));
@@ -203,31 +206,36 @@ struct About {
     facing: Facing,
     /// A sheet may stand within the texel or beside it: a surface with one side that does not close.
     sheet: bool,
+    /// More than [`MOST_NEAR`] triangles are near.
+    crowded: bool,
 }
 
 impl About {
     /// One look into a box, which costs less than a dozen rays: where nothing that is near could meet rays along the texel,
     /// they need not be traced. Crumpled texels are not looked at.
     fn new(patches: &Patches, Solids { tracer, closed }: Solids<'_>, patch: usize) -> Self {
-        let unknown = Self { stands: true, facing: Facing::Anywhere, sheet: true };
+        let unknown = Self { stands: true, facing: Facing::Anywhere, sheet: true, crowded: false };
         let (scene, plane) = (tracer.scene(), Plane::of(patches, patch));
         let Some(Around { low, high, bent }) = plane.around(patches, tracer, core::iter::once(patch), BENT) else {
             return unknown;
         };
         let (facing, pad, height) = (-libm::cosf(FACING + bent), rounding(tracer), LOW * plane.edge);
-        let (mut about, mut looks) = (Self { stands: false, facing: Facing::In(vec![]), sheet: false }, 0);
+        let (mut about, mut looks) =
+            (Self { stands: false, facing: Facing::In(vec![]), sheet: false, crowded: false }, 0);
         tracer.any_within(low, high, |t| {
             looks += 1;
-            let own = plane.holds(scene, t);
-            let span = span(scene, t, [plane.position, plane.normal]);
-            about.stands |= !own && span[0] <= height + pad && height - pad <= span[1];
-            about.sheet |= !own && behind::is_sheet(scene, closed, t);
-            if scene.geometric_normal(t).dot(plane.normal) < facing {
+            let own = !(about.stands && about.sheet) && plane.holds(scene, t);
+            if !about.stands && !own {
+                let span = span(scene, t, [plane.position, plane.normal]);
+                about.stands = span[0] <= height + pad && height - pad <= span[1];
+            }
+            about.sheet = about.sheet || !own && behind::is_sheet(scene, closed, t);
+            if !matches!(about.facing, Facing::Anywhere) && scene.geometric_normal(t).dot(plane.normal) < facing {
                 about.facing.add(scene.corners(t), pad);
             }
             looks == MOST_NEAR || about.stands && about.sheet && matches!(about.facing, Facing::Anywhere)
         });
-        if looks == MOST_NEAR { unknown } else { about }
+        if looks == MOST_NEAR { Self { crowded: true, ..unknown } } else { about }
     }
 }
 
