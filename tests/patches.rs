@@ -4,12 +4,19 @@
 
 #[path = "support/solve.rs"]
 mod solve;
+#[path = "support/mod.rs"]
+mod support;
 
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 use solve::{Stage, load};
 use std::collections::BTreeSet;
+use std::time::Instant;
+use support::{scene_with_material, white};
 use texelwalk::atlas::NO_CHART;
-use texelwalk::patches::PatchSurface;
+use texelwalk::base::random::{Stage as Draws, Stream};
+use texelwalk::base::{Progress, Rgb};
+use texelwalk::patches::{PatchSurface, Patches};
+use texelwalk::scene::Material;
 
 /// Boxes with normals of their own, smooth legs, textures, sheets with two sides, mirrored instances.
 const SCENES: [(&str, f32); 4] = [
@@ -83,4 +90,33 @@ fn normals_that_are_kept_are_those_of_every_point() {
             }
         }
     }
+}
+
+/// Seconds that patches of loose leaves in a pot of 40 cm take, each far smaller than a texel.
+fn time_of_leaves(count: usize) -> f64 {
+    let mut draws = Stream::new(5, Draws::Light, 0, 0);
+    let mut point = |reach: f32| Vec3::from_array([0; 3].map(|_| draws.next_f32() * reach));
+    let leaves: Vec<[Vec3; 3]> = (0..count)
+        .map(|_| {
+            let at = point(0.4);
+            [0; 3].map(|_| at + point(0.012))
+        })
+        .collect();
+    let scene = scene_with_material(&leaves, Material { double_sided: true, ..white() });
+    let stage = Stage::new(&scene, 16.0);
+    assert!(stage.patches.front >= count && stage.patches.reflectance[0] != Rgb::ZERO);
+    let one = || {
+        let start = Instant::now();
+        let patches = Patches::new(&stage.tracer, &stage.atlas, &Progress::default());
+        start.elapsed().as_secs_f64() + f64::from(u8::from(patches.is_empty()))
+    };
+    one().min(one())
+}
+
+/// Each leaf has a texel of its own, in which all others may stand: looked at one by one, four times as many would take
+/// sixteen times as long.
+#[test]
+fn time_grows_with_the_texels_and_not_with_what_stands_in_all_of_them() {
+    let [few, many] = [2_500, 10_000].map(time_of_leaves);
+    assert!(many < 9.0 * few, "{few} s for 2,500, {many} s for 10,000");
 }
