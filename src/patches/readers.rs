@@ -27,6 +27,9 @@ const CELL: f64 = 1.0 / MASK_GRID as f64;
 /// Halvings of a cell: to a ten-thousandth of a texel.
 const HALVINGS: u32 = 10;
 
+/// Width of what is left then [texels].
+const FINEST: f64 = CELL / (1 << HALVINGS) as f64;
+
 /// A texel without exposed surface, or cut off from those who read it, and who they are.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Unlit {
@@ -128,9 +131,18 @@ fn barely_read_by(patches: &Patches, solids: Solids<'_>, j: usize, offset: DVec2
         let inside = within.cmpge(DVec2::ZERO).all() && within.cmple(DVec2::ONE).all();
         inside && exposed::is_open(patches, solids, j, [open, within])
     };
+    let reach = |within: DVec2| DVec2::ONE - (offset + within - 0.5).abs();
+    // Most are closed where look-ups would begin to read the texel: one question instead of ten.
+    let gets_there = |middle: DVec2, axis: usize| {
+        let way = FINEST - reach(middle)[axis];
+        way <= FINEST || way < CELL && is_open(middle, ahead(middle, -offset, axis, way))
+    };
     let weight = |middle: DVec2| {
+        if !(0..2).all(|axis| gets_there(middle, axis)) {
+            return 0.0;
+        }
         let far = (0..2).fold(middle, |from, axis| outermost(from, -offset, axis, &is_open));
-        let reach = (DVec2::ONE - (offset + far - 0.5).abs()).max(DVec2::ZERO);
+        let reach = reach(far).max(DVec2::ZERO);
         (reach.x * reach.y * CELL * CELL) as f32
     };
     middles.into_iter().map(weight).fold(0.0, f32::max)
@@ -141,19 +153,20 @@ fn outermost(from: DVec2, toward: DVec2, axis: usize, is_open: &dyn Fn(DVec2, DV
     if toward[axis] == 0.0 {
         return from;
     }
-    let at = |way: f64| {
-        let mut point = from;
-        point[axis] += toward[axis] * way;
-        point
-    };
     let (mut open, mut closed) = (0.0, CELL);
     for _ in 0..HALVINGS {
         let middle = 0.5 * (open + closed);
-        if is_open(from, at(middle)) {
+        if is_open(from, ahead(from, toward, axis, middle)) {
             open = middle;
         } else {
             closed = middle;
         }
     }
-    at(open)
+    ahead(from, toward, axis, open)
+}
+
+/// So far on the way from a point along an axis.
+fn ahead(mut point: DVec2, toward: DVec2, axis: usize, way: f64) -> DVec2 {
+    point[axis] += toward[axis] * way;
+    point
 }
