@@ -25,6 +25,11 @@
 //! samples 1.40 %; a cap that is the same for all texels, and rays alone within four texels of a lamp, 2.3 %. With that
 //! distance instead of the heuristic the living room needed twice the samples for the same error.
 //!
+//! Tried: lamps chosen by how many samples of their cluster (32 of the tree) arrived at the 4 × 4 texels around so far, by the
+//! root of that share, as in Vévoda, Kondapaneni, Křivánek, "Bayesian online regression for adaptive direct illumination
+//! sampling", ACM TOG 37(4), 2018. The room with three shades: NRMSE of the lower 99 % 4.6 % with and without, median 1.8 and
+//! 1.7 %, for 1.07 times the time.
+//!
 //! Invariants: same bits at any thread count; any caps give the same light in the mean.
 //!
 //! Limits: lamps that other surfaces hide from a texel are chosen as often as others.
