@@ -49,9 +49,9 @@ fn found(stage: &Stage<'_>, radiance: &[Rgb], glare: Option<&Glare>, rays: u32, 
         let samples = (rays as f32 / RAYS) as u32;
         let mut glared = Glared::default();
         // Some texels go on, others do not.
+        let sampler = glare.sampler(&sent, &stage.emitters, RAYS);
         for round in [|_| 1, |i: usize| (i % 2) as u32] {
-            let samples = |i| samples * round(i);
-            glare.add(&mut glared, &sent, &stage.emitters, samples, RAYS, &Progress::default());
+            sampler.add(&mut glared, |i| samples * round(i), &Progress::default());
         }
         assert!(glared.rays > 0);
         for (half, light) in halves.iter_mut().zip(glared.halves()) {
@@ -98,7 +98,7 @@ fn what_is_as_bright_as_what_it_sees_asks_for_nothing() {
     let bright = vec![400.0; stage.patches.len()];
     let glare = Glare::new(&stage.tracer, &stage.patches, &radiance, &bright);
     let mut glared = Glared::default();
-    glare.add(&mut glared, &sent(&tilts), &stage.emitters, |_| 16, RAYS, &Progress::default());
+    glare.sampler(&sent(&tilts), &stage.emitters, RAYS).add(&mut glared, |_| 16, &Progress::default());
     assert!(glared.rays == 0 && glared.halves().iter().flatten().all(|light| *light == Rgb::ZERO));
     let even = vec![Rgb::ONE; stage.patches.len()];
     assert!(Glare::new(&stage.tracer, &stage.patches, &even, &bright).is_empty(), "even light has no glare");
@@ -114,7 +114,7 @@ fn lamps_that_add_little_noise_are_left_to_rays() {
     let glare = |light: f32| Glare::new(&stage.tracer, &stage.patches, &radiance, &vec![light; stage.patches.len()]);
     let rays = |glare: &Glare| {
         let mut glared = Glared::default();
-        glare.add(&mut glared, &sent, &stage.emitters, |_| 16, RAYS, &Progress::default());
+        glare.sampler(&sent, &stage.emitters, RAYS).add(&mut glared, |_| 16, &Progress::default());
         glared.rays
     };
     let (dim, bright) = (glare(0.1), glare(40.0));

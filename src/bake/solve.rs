@@ -336,16 +336,17 @@ impl<'a> Solver<'a> {
     /// few texels with a view into a lampshade.
     fn sample(&mut self, glare: &Glare, setup: &Setup<'_>, budget: &Budget, sent: &Sent<'_>, progress: &Progress) {
         let all = budget.gather.div_ceil(2 * GLARE_RAYS);
-        let first = if setup.settings.splat == SplatMode::Share { all.div_ceil(3) } else { all };
-        let (rays, shot) = (GLARE_RAYS as f32, self.glared.rays);
+        let first = first_round(setup.settings, all);
+        let sampler = glare.sampler(sent, self.emitters, GLARE_RAYS as f32);
+        let shot = self.glared.rays;
         let glared = &mut self.glared;
-        glare.add(glared, sent, self.emitters, |_| first, rays, progress);
+        sampler.add(glared, |_| first, progress);
         let viewers = glared.viewers();
         if all > first && viewers > 0 && !progress.cancelled() {
             let error = Errors::of_noise(&glared.halves());
             let mean = (all - first) as f32 * viewers as f32 / setup.patches.front as f32;
             let samples = gather::second_round(&error.around(setup.patches, setup.graph), mean);
-            glare.add(glared, sent, self.emitters, |i| samples[i], rays, progress);
+            sampler.add(glared, |i| samples[i], progress);
         }
         self.shadow_rays += glared.rays - shot;
     }
@@ -360,7 +361,7 @@ impl<'a> Solver<'a> {
         progress: &Progress,
     ) {
         let half = if settings.bounces == Some(0) { 0 } else { budget.gather.div_ceil(2) };
-        let first = if settings.splat == SplatMode::Share { half.div_ceil(3) } else { half };
+        let first = first_round(settings, half);
         self.gathered.add(field, |_| first, progress);
         if half > first && !progress.cancelled() {
             let [mut a, mut b] = self.gathered.halves();
@@ -407,6 +408,11 @@ impl<'a> Solver<'a> {
 /// Mean of two halves.
 pub(super) fn mean([a, b]: &[Vec<Rgb>; 2]) -> Vec<Rgb> {
     parallel::map(a.len(), |i| (a[i] + b[i]) * 0.5)
+}
+
+/// Rays or samples of a half that all texels get alike: with sharing, its error tells where the others go.
+fn first_round(settings: &Settings, half: u32) -> u32 {
+    if settings.splat == SplatMode::Share { half.div_ceil(3) } else { half }
 }
 
 /// Rays of the gather that see the sky, for each sample of direct light.

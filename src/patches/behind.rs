@@ -52,9 +52,9 @@ impl<'a> Sheets<'a> {
     /// What is close to a front patch, and not over or below all rays along it, as on a round body. With the planes known,
     /// points before all of them, as beside most walls, need no rays.
     pub(super) fn near(patches: &Patches, solids: Solids<'a>, patch: usize) -> Self {
-        let (tracer, edge) = (solids.tracer, patches.texel_edge(patch));
-        let scene = tracer.scene();
-        let frame = Frame::from_normal(patches.normal[patch]);
+        let anywhere = Self::anywhere(patches, solids, patch);
+        let Self { frame, edge, pad, .. } = anywhere;
+        let (tracer, scene) = (solids.tracer, solids.tracer.scene());
         let (mut low, mut high) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         // Lowest and highest coordinate of rays along the normal [m].
         let mut rays = [f32::INFINITY, f32::NEG_INFINITY];
@@ -68,7 +68,6 @@ impl<'a> Sheets<'a> {
                 rays = [rays[0].min(height), rays[1].max(height)];
             }
         }
-        let pad = rounding(tracer);
         let (middle, half) = ((low + high) * 0.5, (high - low) * 0.5);
         let (mut planes, mut looks) = (vec![], 0);
         let reach = Vec3::splat(ACROSS * edge + pad);
@@ -83,7 +82,7 @@ impl<'a> Sheets<'a> {
             }
             planes.len() > MOST_PLANES || looks == MOST_NEAR
         });
-        Self { solids, frame, edge, planes: (!too_many).then_some(planes), pad }
+        Self { planes: (!too_many).then_some(planes), ..anywhere }
     }
 
     /// A point on the surface of the texel lies behind the back of one that is close.

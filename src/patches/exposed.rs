@@ -176,8 +176,8 @@ fn cells(
     let most = if fragments.len() > MOST_LOOKS { CRUMPLED_POINTS } else { MOST_POINTS };
     let height = LOW * patches.texel_edge(patch);
     let sheets = about.sheet.then(|| {
-        let about = if about.crowded { Sheets::anywhere } else { Sheets::near };
-        about(patches, solids, patch)
+        let sheets = if about.crowded { Sheets::anywhere } else { Sheets::near };
+        sheets(patches, solids, patch)
     });
     for f in fragments {
         let mut points = vec![];

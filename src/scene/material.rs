@@ -183,16 +183,16 @@ impl Scene {
     /// and shows none of its lightmap in viewers. Models that get their looks from a program often come that way.
     #[must_use]
     pub fn missing_materials(&self) -> Option<Warning> {
-        let default = self.materials.len() - 1;
+        let default = self.materials.len().checked_sub(1)?;
         let mut without = self.parts.iter().filter(|part| part.receives && part.material == default);
         let first = without.next()?;
         let others = match without.count() {
-            0 => String::new(),
-            n => format!(" and {n} more primitives"),
+            0 => " has".to_owned(),
+            n => format!(" and {n} more primitives have"),
         };
         let what = format!(
-            "{}, primitive {}{others} have no material; by glTF's defaults that is metal, which reflects no diffuse light and \
-             shows none of its lightmap; give them one with metallicFactor 0",
+            "{}, primitive {}{others} no material; by glTF's defaults that is metal, which reflects no diffuse light and \
+             shows none of its lightmap; use one with metallicFactor 0",
             first.name, first.primitive
         );
         Some(Warning::new("no-material", what).at(&first.name))
