@@ -7,13 +7,14 @@
 //!   sample.
 //! * Sky and environment map: [`infinity`](super::infinity).
 
+use super::divide;
 use super::infinity::Infinity;
-use super::piece::{self, Piece};
+use super::piece::Piece;
 use super::punctual;
 use super::site::Site;
 use super::tree::{Bounds, Cut, Tree};
 use crate::base::color::luminance;
-use crate::base::{Rgb, parallel};
+use crate::base::Rgb;
 use crate::scene::{Light, Scene};
 use glam::{Vec2, Vec3};
 
@@ -79,12 +80,7 @@ impl Emitters {
         let kept = |(i, light): (usize, &Light)| keep(Source::Light(i)).then(|| light.clone());
         let lights: Vec<Light> = scene.lights.iter().enumerate().filter_map(kept).collect();
         let emissive: Vec<u32> = (0..scene.triangle_count() as u32).filter(glows).collect();
-        let cut = |range: core::ops::Range<usize>| {
-            let mut pieces = vec![];
-            emissive[range].iter().for_each(|&t| piece::cut(scene, t, &mut pieces));
-            pieces
-        };
-        let pieces: Vec<Piece> = parallel::map_chunks(emissive.len(), 64, cut).into_iter().flatten().collect();
+        let pieces = divide::pieces(scene, &emissive);
         let mut triangles: Vec<u32> = pieces.iter().map(|p| p.triangle).collect();
         triangles.dedup();
 

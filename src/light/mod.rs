@@ -10,6 +10,7 @@ mod allot;
 mod common;
 mod cone;
 mod direct;
+mod divide;
 mod emitters;
 pub mod glare;
 mod hard;

@@ -1,8 +1,4 @@
-//! Pieces of emissive triangles: what a sample aims at.
-//!
-//! An emitter of one colour is one piece. One with a texture, or with alpha, is cut into up to 4³ similar pieces, as far
-//! as its emission varies, so that bright parts of it get the samples: its distribution is piecewise constant over a barycentric grid.
-//! Dark pieces keep a share, [`LEAST`], in case the texture glows between the points where it was read.
+//! Pieces of emissive triangles (see [`divide`](super::divide)): what a sample aims at.
 //!
 //! A direction to a piece is drawn uniformly from its solid angle (Arvo 1995), so near pieces have no peak of variance.
 
@@ -14,14 +10,9 @@ use crate::trace::Ground;
 use core::f32::consts::PI;
 use glam::{Vec2, Vec3};
 
-/// Cuts of a textured triangle: 4³ pieces at most. A level more costs memory and finds nothing on usual lamps.
-const LEVELS: u32 = 3;
-/// Points per side of the grid at which a piece's texture is read.
-const TEXTURE_GRID: u32 = 4;
-/// Brightest over darkest of four pieces up to which they stay one.
-const EVEN: f32 = 1.25;
-/// Least radiance of a piece for the choice, as a share of the material's factor.
-const LEAST: f32 = 1e-2;
+/// Least radiance of a piece for the choice, as a share of the most that it can have: it may glow between the points
+/// where its texture was read.
+pub(super) const LEAST: f32 = 1e-2;
 /// Share of the estimate that does not depend on angles, so that nothing in front is left out.
 pub(super) const FLOOR: f32 = 0.05;
 /// Squared distance over area below which a piece counts as near.
@@ -65,70 +56,15 @@ pub(super) struct Sampled {
     pub(super) density: f32,
 }
 
-/// The pieces of one triangle, appended to `out`.
-pub(super) fn cut(scene: &Scene, triangle: u32, out: &mut Vec<Piece>) {
-    let whole = [Vec2::ZERO, Vec2::X, Vec2::Y];
-    let material = scene.material(triangle);
-    if material.emission_texture.is_none() && material.alpha == Alpha::Opaque {
-        out.extend(Piece::new(scene, triangle, whole, scene.most_emission(triangle)));
-        return;
-    }
-    let first = out.len();
-    divide(scene, triangle, whole, LEVELS, out);
-    if out[first..].iter().all(|p| p.mean.max_element() <= 0.0) && !glows(scene, triangle) {
-        out.truncate(first);
-    }
-}
-
-/// The texture has a texel above black, wherever it is, or there is none.
-fn glows(scene: &Scene, triangle: u32) -> bool {
-    let texture = scene.material(triangle).emission_texture.as_ref().map(|r| &scene.textures[r.texture]);
-    texture.is_none_or(|t| t.pixels.iter().any(|p| p[..3] != [0, 0, 0]))
-}
-
-/// Cuts a piece in four where that tells bright from dark; the mean emission of what became of it.
-fn divide(scene: &Scene, triangle: u32, b: [Vec2; 3], levels: u32, out: &mut Vec<Piece>) -> Rgb {
-    if levels == 0 {
-        let mean = mean_emission(scene, triangle, b);
-        out.extend(Piece::new(scene, triangle, b, mean));
-        return mean;
-    }
-    let first = out.len();
-    let middle = [(b[0] + b[1]) * 0.5, (b[1] + b[2]) * 0.5, (b[2] + b[0]) * 0.5];
-    let quarters = [
-        [b[0], middle[0], middle[2]],
-        [middle[0], b[1], middle[1]],
-        [middle[2], middle[1], b[2]],
-        [middle[1], middle[2], middle[0]],
-    ];
-    let means = quarters.map(|q| divide(scene, triangle, q, levels - 1, out));
-    let mean = (means[0] + means[1] + means[2] + means[3]) * 0.25;
-    let values = means.map(luminance);
-    let (low, high) = values.iter().fold((f32::MAX, 0.0f32), |(l, h), &v| (l.min(v), h.max(v)));
-    // Fewer than four pieces: some had no area.
-    if out.len() <= first + 4 && high <= EVEN * low.max(LEAST * luminance(scene.most_emission(triangle))) {
-        out.truncate(first);
-        out.extend(Piece::new(scene, triangle, b, mean));
-    }
-    mean
-}
-
-fn mean_emission(scene: &Scene, triangle: u32, b: [Vec2; 3]) -> Rgb {
-    let n = TEXTURE_GRID;
-    let point = |k: u32| {
-        let u = Vec2::new((k % n) as f32 + 0.5, (k / n) as f32 + 0.5) / n as f32;
-        scene.emission(triangle, inside(b, warp::square_to_triangle(u)))
-    };
-    (0..n * n).map(point).fold(Rgb::ZERO, |a, b| a + b) / (n * n) as f32
-}
-
 /// The triangle's weights at a point of a piece.
-fn inside(b: [Vec2; 3], at: Vec2) -> Vec2 {
+pub(super) fn inside(b: [Vec2; 3], at: Vec2) -> Vec2 {
     b[0] * (1.0 - at.x - at.y) + b[1] * at.x + b[2] * at.y
 }
 
 impl Piece {
-    fn new(scene: &Scene, triangle: u32, b: [Vec2; 3], mean: Rgb) -> Option<Self> {
+    /// The part of a triangle between three points in its weights, with its mean emission and what no point of it
+    /// exceeds [cd/m²]; `None` without area.
+    pub(super) fn new(scene: &Scene, triangle: u32, b: [Vec2; 3], mean: Rgb, most: Rgb) -> Option<Self> {
         let corners = b.map(|b| scene.position(triangle, b));
         let area = (corners[1] - corners[0]).as_dvec3().cross((corners[2] - corners[0]).as_dvec3()).length() * 0.5;
         let material = scene.material(triangle);
@@ -143,7 +79,7 @@ impl Piece {
             area: area as f32,
             far: FAR * FAR * radius_squared,
             mean,
-            radiance: mean.max(scene.most_emission(triangle) * LEAST),
+            radiance: mean.max(most * LEAST),
             two_sided: material.double_sided,
             solid: material.alpha == Alpha::Opaque && material.transmission == 0.0,
             ground: Ground::new(scene.corners(triangle)),

@@ -144,6 +144,13 @@ impl Scene {
         self.material(triangle).emission * self.part(triangle).treatment.emission
     }
 
+    /// The texture of what a triangle emits, and its coordinates at three points of it; `None` without one.
+    #[must_use]
+    pub fn emission_uvs(&self, triangle: u32, b: [Vec2; 3]) -> Option<(usize, [Vec2; 3])> {
+        let r = self.material(triangle).emission_texture.as_ref()?;
+        Some((r.texture, b.map(|b| self.texture_uv(triangle, b, r))))
+    }
+
     /// Emitted radiance as the document has it, which is what can be seen [cd/m²], of what the surface stops (see
     /// [`Scene::opacity`]).
     #[must_use]

@@ -106,7 +106,7 @@ fn pair(t: f32, size: u32, wrap: Wrap, nearest: bool) -> Pair {
 /// sRGB decoding of 8-bit values (IEC 61966-2-1), rounded from double precision. A constant table because a power
 /// function per sample would dominate the cost of alpha tests and emission.
 #[rustfmt::skip]
-const SRGB_TO_LINEAR: [f32; 256] = [
+pub(super) const SRGB_TO_LINEAR: [f32; 256] = [
     0.0, 0.000303527, 0.000607054, 0.000910581, 0.001214108, 0.001517635, 0.001821162, 0.0021246888, 0.002428216,
     0.0027317428, 0.00303527, 0.0033465358, 0.0036765074, 0.004024717, 0.004391442, 0.0047769533, 0.0051815165,
     0.0056053917, 0.006048833, 0.0065120906, 0.00699541, 0.007499032, 0.008023193, 0.008568126, 0.009134059,
