@@ -210,6 +210,20 @@ fn power_ledgers_close_at_every_bounce() {
 }
 
 #[test]
+fn what_leaves_an_open_scene_takes_no_lines_from_the_first_bounce() {
+    // White squares that face each other: a fifth of the light comes back from bounce to bounce.
+    let scene = facing_squares();
+    let stage = Stage::new(&scene, 8.0);
+    let direct = stage.direct(4);
+    for start in [Some(direct.as_slice()), None] {
+        let walk = stage.walk(start, Splat::None, 20_000, 1);
+        let share = walk.ledger[0].lines as f64 / 20_000.0;
+        assert!((0.7..0.9).contains(&share), "{share} of the lines go into the first bounce");
+        assert!(walk.ledger.iter().map(|b| b.lines).sum::<u64>() <= 20_000);
+    }
+}
+
+#[test]
 fn open_strips_of_texels_below_walls_swallow_no_light() {
     // At 6.5 texels per metre walls leave some of the floor's texels open by less than half a cell of their mask.
     let scene = load("two-rooms/two-rooms.glb");

@@ -13,8 +13,8 @@ use super::piece::Piece;
 use super::punctual;
 use super::site::Site;
 use super::tree::{Bounds, Cut, Tree};
-use crate::base::color::luminance;
 use crate::base::Rgb;
+use crate::base::color::luminance;
 use crate::scene::{Light, Scene};
 use glam::{Vec2, Vec3};
 

@@ -9,7 +9,9 @@
 //! patch, with cosine-distributed directions. Where we differ:
 //! * lines are dealt out over the patches systematically (one random offset per bounce), which never has more variance
 //!   than independent picks;
-//! * the budget is spread over the bounces in proportion to their power, so every line carries about the same flux;
+//! * the budget is spread over the bounces in proportion to their power, so every line carries about the same flux; how
+//!   much of the first bounce's power comes back is told by a few lines that are shot for that alone ([`PILOT`]). By the
+//!   mean reflectance, as if none left the scene, open white scenes spent a thousandth of their lines on the first bounce;
 //! * with [`Start::tilts`], light goes on from where it arrived: the first reflection starts in proportion to the light
 //!   within the texel (see `Tilts`), later ones start where a line of the bounce before has hit the texel. Started
 //!   evenly, light after four reflections and more was 0.6 % short of Mitsuba's, now 0.3 % (office, 12,000 texels);
@@ -34,6 +36,13 @@ pub use deposit::Splat;
 
 /// Share of all power that may be left unshot: below the rounding of the half floats that are stored.
 const NEGLIGIBLE: f64 = 1e-4;
+
+/// Least and most lines that tell how much of the power comes back: to 6 and 1.6 % of what was shot.
+const PILOT: [u64; 2] = [64, 1024];
+/// Share of the lines that go into that between these.
+const PILOT_SHARE: u64 = 64;
+/// Most that is believed to come back of a bounce's power, so that no bounce is left without lines.
+const MOST_RATIO: f64 = 0.98;
 
 /// How to walk.
 #[derive(Debug, Clone, Copy)]
@@ -109,9 +118,15 @@ pub fn walk(
     let Start { unshot, tilts, emitted } = start;
     let shooter = shoot::Shooter { tracer, patches, graph, settings, progress, marks: tilts.is_some() };
     progress.start(settings.lines);
-    let mut state = State::new(patches, unshot);
+    let first = tilts.map_or(Starts::Evenly, Starts::Tilted);
+    let pilot = (settings.lines / PILOT_SHARE).clamp(PILOT[0], PILOT[1]);
+    let ratio = match emitted {
+        Some(emitted) => shooter.emitted_ratio(emitted, pilot),
+        None => shooter.ratio(&unshot, first, pilot),
+    };
+    let mut state = State::new(patches, unshot, ratio);
     if let Some(emitted) = emitted {
-        let lines = state.lines_for(Some(emitted), patches, settings);
+        let lines = state.lines_for(Some(emitted), settings);
         let landed = shooter.emitted(emitted, lines);
         state.turn(patches, &landed);
         state.direct = landed.received;
@@ -119,15 +134,11 @@ pub fn walk(
     let limit = settings.bounces.unwrap_or(u32::MAX);
     let mut marks = vec![];
     for bounce in 0..limit {
-        let lines = state.lines_for(None, patches, settings);
+        let lines = state.lines_for(None, settings);
         if lines == 0 {
             break;
         }
-        let starts = match tilts {
-            None => Starts::Evenly,
-            Some(tilts) if bounce == 0 => Starts::Tilted(tilts),
-            Some(_) => Starts::At(&marks),
-        };
+        let starts = if bounce > 0 && tilts.is_some() { Starts::At(&marks) } else { first };
         let landed = shooter.reflected(&state.unshot, starts, lines, bounce);
         for (sum, r) in state.indirect.iter_mut().zip(&landed.received) {
             *sum += *r;
@@ -155,12 +166,14 @@ struct State {
     ledger: Vec<Bounce>,
     spent: u64,
     all_power: f64,
+    /// Power of the first bounce over that of what comes before it; a guess.
+    first_ratio: f64,
 }
 
 impl State {
-    fn new(patches: &Patches, unshot: Vec<Rgb>) -> Self {
+    fn new(patches: &Patches, unshot: Vec<Rgb>, first_ratio: f64) -> Self {
         let none = || vec![Rgb::ZERO; patches.len()];
-        Self { unshot, direct: none(), indirect: none(), ledger: vec![], spent: 0, all_power: 0.0 }
+        Self { unshot, direct: none(), indirect: none(), ledger: vec![], spent: 0, all_power: 0.0, first_ratio }
     }
 
     /// Adds what the patches reflect of `received` to what they have to shoot.
@@ -174,10 +187,10 @@ impl State {
     }
 
     /// Lines for the next iteration: the share of what is left of the budget that its power has in all power to come.
-    fn lines_for(&self, emitted: Option<&EmittedLines<'_>>, patches: &Patches, settings: &Settings) -> u64 {
+    fn lines_for(&self, emitted: Option<&EmittedLines<'_>>, settings: &Settings) -> u64 {
         let left = settings.lines.saturating_sub(self.spent);
         let to_come = parallel::sum(self.unshot.len(), |i| mean(self.unshot[i]));
-        let ratio = self.ratio(patches).clamp(0.0, 0.999);
+        let ratio = self.ratio(to_come);
         if let Some(emitted) = emitted {
             if settings.bounces == Some(0) {
                 return left;
@@ -195,17 +208,11 @@ impl State {
         (left as f64 * share) as u64
     }
 
-    /// Expected ratio of the power of one bounce to the one before.
-    fn ratio(&self, patches: &Patches) -> f64 {
-        if let [.., a, b] = self.ledger.as_slice() {
-            let (a, b) = (Bounce::mean(a.unshot), Bounce::mean(b.unshot));
-            if a > 0.0 {
-                return (b / a).min(0.98);
-            }
-        }
-        let area = parallel::sum(patches.len(), |i| f64::from(patches.exposed_area(i)));
-        let reflecting = parallel::sum(patches.len(), |i| f64::from(patches.exposed_area(i)) * mean(patches.albedo(i)));
-        reflecting / area.max(f64::MIN_POSITIVE)
+    /// Expected ratio of the power of the next bounce to that of this one, of which so much is to come.
+    fn ratio(&self, to_come: f64) -> f64 {
+        let before = self.ledger.last().map_or(0.0, |bounce| Bounce::mean(bounce.unshot));
+        let ratio = if before > 0.0 { to_come / before } else { self.first_ratio };
+        ratio.clamp(0.0, MOST_RATIO)
     }
 
     fn finish(mut self, patches: &Patches) -> Walk {

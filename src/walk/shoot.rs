@@ -125,6 +125,35 @@ impl Shooter<'_> {
         self.close(arrivals, &tallies, lines, channels)
     }
 
+    /// Share of unshot power that comes back to be shot once more, by a few lines.
+    pub(super) fn ratio(&self, unshot: &[Rgb], starts: Starts<'_>, lines: u64) -> f64 {
+        let running = running_sum(unshot);
+        let Some(total) = running.last().copied().filter(|total| *total > 0.0) else { return 0.0 };
+        let back = |k: usize| {
+            let mut s = Stream::new(self.settings.seed, Stage::Walk, u64::from(u32::MAX), k as u64);
+            let target = (k as f64 + s.next_f64()) / lines as f64 * total;
+            let patch = running.partition_point(|&sum| sum <= target).min(running.len() - 1);
+            let surface = PatchSurface::new(self.tracer, self.patches, patch);
+            let ray = leave(&surface, core::array::from_fn(|_| s.next_f32()), patch, starts);
+            let share = 1.0 / super::mean(unshot[patch]).max(f64::MIN_POSITIVE);
+            self.sent_on(&Line { ray, flux: (unshot[patch].as_dvec3() * share).as_vec3() })
+        };
+        parallel::sum(lines as usize, back) / lines as f64
+    }
+
+    /// Share of the emitters' power that patches send on, by a few lines.
+    pub(super) fn emitted_ratio(&self, emitted: &EmittedLines<'_>, lines: u64) -> f64 {
+        let power = super::mean(emitted.flux);
+        let sent_on = parallel::sum(lines as usize, |k| self.sent_on(&(emitted.line)(k as u64, lines)));
+        if power > 0.0 { sent_on / power } else { 0.0 }
+    }
+
+    /// What becomes of a line's flux at its first hit, mean of the channels.
+    fn sent_on(&self, line: &Line) -> f64 {
+        let arrival = self.land(line, &mut Tally::default());
+        arrival.map_or(0.0, |a| super::mean(a.flux * self.patches.albedo(a.patch)))
+    }
+
     /// Where the line's flux arrives, if it is not lost.
     fn land(&self, line: &Line, tally: &mut Tally) -> Option<Arrival> {
         tally.shot += line.flux.as_dvec3();
