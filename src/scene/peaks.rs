@@ -116,7 +116,7 @@ impl Peaks {
 
     /// The brightest channel of a rectangle of texels, or of a little more.
     fn brightest(&self, columns: Range, rows: Range) -> u8 {
-        let cells = |(first, last): Range, level: usize| (first / CELL >> level, last / CELL >> level);
+        let cells = |(first, last): Range, level: usize| ((first / CELL) >> level, (last / CELL) >> level);
         let few = |range: Range, level: usize| cells(range, level).1 - cells(range, level).0 < MOST_CELLS;
         let fits = |&l: &usize| few(columns, l) && few(rows, l);
         let level = (0..self.levels.len()).find(fits).unwrap_or(self.levels.len() - 1);
