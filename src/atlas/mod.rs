@@ -18,6 +18,11 @@
 //! * vertices lie on a grid of 2⁻ⁿ texels, and charts move by whole texels only, so that coordinates are exact in `f32`
 //!   and a chart covers the same texels wherever it is packed;
 //! * the result does not depend on the number of threads.
+//!
+//! Tried: charts smaller than a texel in the texels of others of their part that are within a texel and face the same way.
+//! A pot plant had 1,088 texels instead of 23,042, as near to a bake with texels of an eighth (root mean square 0.207 and
+//! 0.208 of a mean of 0.37) in a fifth of the time; but keys of a keyboard became as dark as what lies between and below
+//! them, also where what lies behind others was kept apart. What shares texels would have to be as open, too.
 
 mod align;
 mod alike;
