@@ -7,12 +7,13 @@
 //!   sample.
 //! * Sky and environment map: [`infinity`](super::infinity).
 
+use super::bounds::Bounds;
 use super::divide;
 use super::infinity::Infinity;
 use super::piece::Piece;
 use super::punctual;
 use super::site::Site;
-use super::tree::{Bounds, Cut, Tree};
+use super::tree::{Cut, Tree};
 use crate::base::Rgb;
 use crate::base::color::luminance;
 use crate::scene::{Light, Scene};

@@ -35,10 +35,11 @@
 //! Limits: lamps that other surfaces hide from a texel are chosen as often as others.
 
 use super::Emitters;
+use super::bounds::Bounds;
 use super::direct::GOLDEN;
 use super::look::Look;
 use super::site::Site;
-use super::tree::{Bounds, Cut, Tree};
+use super::tree::{Cut, Tree};
 use crate::base::color::{luminance, mean};
 use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, Stream, mix};

@@ -7,6 +7,7 @@
 //! surfaces and sky by radiance [cd/m²]. No hidden factor anywhere.
 
 mod allot;
+mod bounds;
 mod common;
 mod cone;
 mod direct;

@@ -8,10 +8,10 @@
 //! code, with its squared cone falloff). Lamps with a profile have its candela in the direction that the light takes,
 //! also where they are spheres.
 
+use super::bounds::Bounds;
 use super::cone;
 use super::piece::FLOOR;
 use super::site::Site;
-use super::tree::Bounds;
 use crate::base::color::luminance;
 use crate::base::{Frame, Rgb, warp};
 use crate::scene::Light;
