@@ -41,8 +41,8 @@ const NEGLIGIBLE: f64 = 1e-4;
 const PILOT: [u64; 2] = [64, 1024];
 /// Share of the lines that go into that between these.
 const PILOT_SHARE: u64 = 64;
-/// Most that is believed to come back of a bounce's power, so that no bounce is left without lines.
-const MOST_RATIO: f64 = 0.98;
+/// Least and most that is believed to come back of a bounce's power, so that no bounce is left without lines.
+const RATIOS: [f64; 2] = [0.02, 0.98];
 
 /// How to walk.
 #[derive(Debug, Clone, Copy)]
@@ -212,7 +212,7 @@ impl State {
     fn ratio(&self, to_come: f64) -> f64 {
         let before = self.ledger.last().map_or(0.0, |bounce| Bounce::mean(bounce.unshot));
         let ratio = if before > 0.0 { to_come / before } else { self.first_ratio };
-        ratio.clamp(0.0, MOST_RATIO)
+        ratio.clamp(RATIOS[0], RATIOS[1])
     }
 
     fn finish(mut self, patches: &Patches) -> Walk {
