@@ -35,29 +35,26 @@ fn noise(x: u32, y: u32) -> u32 {
     (texelwalk::base::random::mix(u64::from(y) << 32 | u64::from(x)) >> 40) as u32
 }
 
-/// A floor of 6 × 6 m below a square of 2 × 2 m, 1 m above it, of 2·n² triangles, that glows by a picture.
+/// A floor of 6 × 6 m, 1 m below something that glows, and is white but gets no light.
+fn over_floor(shape: &[[Vec3; 3]], material: Material) -> Scene {
+    let floor = square(Vec3::new(-3.0, 0.0, -3.0), Vec3::Z * 6.0, Vec3::X * 6.0);
+    let mut scene = support::scene_of_two(&floor, shape, Material { emission: Rgb::ONE, ..material });
+    scene.parts[1].receives = false;
+    scene
+}
+
+/// A square of 2 × 2 m over the floor, of 2·n² triangles, that glows by a picture.
 fn screen_over_floor(n: usize, texture: Texture) -> Scene {
     let step = 2.0 / n as f32;
     let cell = |k: usize| {
         let corner = Vec3::new((k % n) as f32 * step - 1.0, 1.0, (k / n) as f32 * step - 1.0);
         square(corner, Vec3::X * step, Vec3::Z * step)
     };
-    let floor = square(Vec3::new(-3.0, 0.0, -3.0), Vec3::Z * 6.0, Vec3::X * 6.0);
-    let all: Vec<[Vec3; 3]> = floor.into_iter().chain((0..n * n).flat_map(cell)).collect();
-    let mut scene = support::scene_from_triangles(&all);
-    scene.vertices.uv[0] = scene.vertices.position.iter().map(|p| (Vec2::new(p.x, p.z) + 1.0) * 0.5).collect();
+    let screen: Vec<[Vec3; 3]> = (0..n * n).flat_map(cell).collect();
     let emission_texture = Some(TextureRef { texture: 0, uv_set: 0, transform: Affine2::IDENTITY });
-    scene.materials.push(Material { emission: Rgb::ONE, emission_texture, ..support::white() });
+    let mut scene = over_floor(&screen, Material { emission_texture, ..support::white() });
+    scene.vertices.uv[0] = scene.vertices.position.iter().map(|p| (Vec2::new(p.x, p.z) + 1.0) * 0.5).collect();
     scene.textures.push(texture);
-    let mut screen = scene.parts[0].clone();
-    scene.parts[0].triangles = 0..2;
-    scene.parts[0].vertices = 0..6;
-    screen.triangles = 2..all.len() as u32;
-    screen.vertices = 6..3 * all.len() as u32;
-    screen.material = 1;
-    screen.receives = false;
-    scene.parts.push(screen);
-    scene.triangle_part[2..].fill(1);
     scene
 }
 
@@ -91,18 +88,7 @@ fn a_picture_lights_as_the_lamps_on_it_do() {
     let at = |p: u32| p as f32 / SIDE as f32 * 2.0 - 1.0;
     let side = LAMP as f32 / SIDE as f32 * 2.0;
     let lamp = |&[x, y]: &[u32; 2]| square(Vec3::new(at(x), 1.0, at(y)), Vec3::X * side, Vec3::Z * side);
-    let mut plain = screen_over_floor(1, picture(|_, _| 255));
-    let shapes: Vec<[Vec3; 3]> = LAMPS.iter().flat_map(lamp).collect();
-    let lamps = support::scene_with_material(&shapes, Material { emission: Rgb::ONE, ..support::white() });
-    plain.vertices.position.splice(6.., lamps.vertices.position);
-    plain.vertices.normal.splice(6.., lamps.vertices.normal);
-    plain.vertices.color.splice(6.., lamps.vertices.color);
-    plain.vertices.uv[0].resize(plain.vertices.position.len(), Vec2::ZERO);
-    plain.triangles.splice(2.., lamps.triangles.iter().map(|t| t.map(|v| v + 6)));
-    plain.triangle_part.resize(plain.triangles.len(), 1);
-    plain.parts[1].triangles = 2..plain.triangles.len() as u32;
-    plain.parts[1].vertices = 6..plain.vertices.position.len() as u32;
-    plain.materials[1].emission_texture = None;
+    let plain = over_floor(&LAMPS.iter().flat_map(lamp).collect::<Vec<_>>(), support::white());
     let (by_picture, _) = light_and_error(&scene, 64);
     let (by_shape, _) = light_and_error(&plain, 64);
     assert!((by_picture / by_shape - 1.0).abs() < 0.01, "{by_picture} against {by_shape}");

@@ -26,21 +26,7 @@ const ADJACENT: f64 = 0.200_044;
 
 /// A white receiver and an emitter of radiance 1, as two parts.
 fn receiver_and_emitter(receiver: &[[Vec3; 3]], emitter: &[[Vec3; 3]]) -> Scene {
-    let all: Vec<_> = receiver.iter().chain(emitter).copied().collect();
-    let mut scene = support::scene_from_triangles(&all);
-    let split = receiver.len() as u32;
-    scene.materials.push(Material { emission: Rgb::ONE, ..support::white() });
-    let mut second = scene.parts[0].clone();
-    scene.parts[0].triangles = 0..split;
-    scene.parts[0].vertices = 0..3 * split;
-    second.triangles = split..all.len() as u32;
-    second.vertices = 3 * split..3 * all.len() as u32;
-    second.material = scene.materials.len() - 1;
-    scene.parts.push(second);
-    for part in &mut scene.triangle_part[split as usize..] {
-        *part = 1;
-    }
-    scene
+    support::scene_of_two(receiver, emitter, Material { emission: Rgb::ONE, ..support::white() })
 }
 
 fn facing_squares() -> Scene {

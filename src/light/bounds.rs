@@ -1,5 +1,7 @@
 //! What is known of some lights together, and where to part them.
 //!
+//! In: bounds of single lights. Out: those of several, and the order that puts the two halves of a node apart.
+//!
 //! Source: A. Conty Estevez, C. Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting", 2018; the cost of
 //! a split as in Pharr, Jakob, Humphreys, *Physically Based Rendering*, 4th edition, §12.6.3.
 //!

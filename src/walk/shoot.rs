@@ -110,14 +110,12 @@ impl Shooter<'_> {
                     let mut s = Stream::new(self.settings.seed, Stage::Walk, u64::from(bounce), k as u64);
                     core::array::from_fn(|_| s.next_f32())
                 };
-                let share = step / super::mean(unshot[patch]).max(f64::MIN_POSITIVE);
                 let (_, surface) = match &prepared {
                     Some(p) if p.0 == patch => p,
                     _ => prepared.insert((patch, PatchSurface::new(self.tracer, self.patches, patch))),
                 };
                 let ray = leave(surface, u, patch, starts);
-                let line = Line { ray, flux: (unshot[patch].as_dvec3() * share).as_vec3() };
-                ends.extend(self.land(&line, &mut tally));
+                ends.extend(self.land(&Line { ray, flux: part(unshot[patch], step) }, &mut tally));
             }
             self.deposit(&ends, &arrivals);
             tally
@@ -135,8 +133,7 @@ impl Shooter<'_> {
             let patch = running.partition_point(|&sum| sum <= target).min(running.len() - 1);
             let surface = PatchSurface::new(self.tracer, self.patches, patch);
             let ray = leave(&surface, core::array::from_fn(|_| s.next_f32()), patch, starts);
-            let share = 1.0 / super::mean(unshot[patch]).max(f64::MIN_POSITIVE);
-            self.sent_on(&Line { ray, flux: (unshot[patch].as_dvec3() * share).as_vec3() })
+            self.sent_on(&Line { ray, flux: part(unshot[patch], 1.0) })
         };
         parallel::sum(lines as usize, back) / lines as f64
     }
@@ -212,6 +209,11 @@ impl Shooter<'_> {
         };
         Landed { received, marks, bounce }
     }
+}
+
+/// Flux of the colour of what is unshot, with this mean of the channels.
+fn part(unshot: Rgb, mean: f64) -> Rgb {
+    (unshot.as_dvec3() * (mean / super::mean(unshot).max(f64::MIN_POSITIVE))).as_vec3()
 }
 
 /// A cosine-distributed ray from a point of a patch.

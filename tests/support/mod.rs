@@ -72,6 +72,23 @@ pub fn scene_with_material(triangles: &[[Vec3; 3]], material: Material) -> Scene
     scene
 }
 
+/// Two parts: triangles with a white material, and triangles with another one.
+pub fn scene_of_two(first: &[[Vec3; 3]], second: &[[Vec3; 3]], material: Material) -> Scene {
+    let all: Vec<_> = first.iter().chain(second).copied().collect();
+    let mut scene = scene_from_triangles(&all);
+    let (split, end) = (first.len() as u32, all.len() as u32);
+    scene.materials.push(material);
+    let part = |range: core::ops::Range<u32>, material: usize| Part {
+        vertices: 3 * range.start..3 * range.end,
+        triangles: range,
+        material,
+        ..scene.parts[0].clone()
+    };
+    scene.parts = vec![part(0..split, 0), part(split..end, 1)];
+    scene.triangle_part[split as usize..].fill(1);
+    scene
+}
+
 /// A fixed-seed stream for a test.
 pub fn stream(seed: u64) -> Stream {
     Stream::new(seed, Stage::Render, 0, 0)
