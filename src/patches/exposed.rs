@@ -17,6 +17,7 @@ use super::behind::{self, Sheets, span};
 use super::cells::{MASK_GRID, cell_index};
 use super::clear::Clear;
 use super::facing::Facing;
+use super::pieces::Pieces;
 use super::solids::{Solids, are_joined, is_inside, which_inside};
 use super::{Patches, SurfacePoint};
 use crate::base::{Frame, Progress, parallel};
@@ -383,14 +384,9 @@ fn is_in_front(tracer: &Tracer<'_>, triangle: u32, points: &[SurfacePoint]) -> b
 }
 
 /// A point of a front patch is not hidden, if another one is not; both [texels from the texel's corner].
-pub(super) fn is_open(patches: &Patches, solids: Solids<'_>, front: usize, [open, within]: [DVec2; 2]) -> bool {
-    let point = |within: DVec2| {
-        let outside = |f: usize| patches.map(patches.fragments.triangle(front, f), front).outside(within);
-        let range = patches.fragments.range(front);
-        let nearest = range.clone().fold(range.start, |best, f| if outside(f) < outside(best) { f } else { best });
-        patches.point_on(front, patches.fragments.triangle(front, nearest), within)
-    };
-    let (open, point, height) = (point(open), point(within), LOW * patches.texel_edge(front));
+pub(super) fn is_open(patches: &Patches, solids: Solids<'_>, pieces: &Pieces, [open, within]: [DVec2; 2]) -> bool {
+    let height = LOW * patches.texel_edge(pieces.front);
+    let (open, point) = (pieces.nearest(open), pieces.nearest(within));
     !Facing::Anywhere.seals(solids.tracer, point)
         && (are_joined(solids.tracer, open, point, height) || !is_inside(solids, point))
 }

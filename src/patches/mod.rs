@@ -22,6 +22,7 @@ mod facing;
 mod fragments;
 mod graph;
 mod laid;
+mod pieces;
 mod place;
 mod pockets;
 mod readers;

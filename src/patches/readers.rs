@@ -16,6 +16,7 @@ use super::Patches;
 use super::behind::is_cut_off;
 use super::cells::MASK_GRID;
 use super::exposed;
+use super::pieces::Pieces;
 use super::solids::Solids;
 use crate::base::{Progress, parallel};
 use glam::{DVec2, Vec2};
@@ -127,9 +128,10 @@ fn barely_read_by(patches: &Patches, solids: Solids<'_>, j: usize, offset: DVec2
             middles.push(within);
         }
     });
+    let pieces = Pieces::new(patches, j);
     let is_open = |open: DVec2, within: DVec2| {
         let inside = within.cmpge(DVec2::ZERO).all() && within.cmple(DVec2::ONE).all();
-        inside && exposed::is_open(patches, solids, j, [open, within])
+        inside && exposed::is_open(patches, solids, &pieces, [open, within])
     };
     let reach = |within: DVec2| DVec2::ONE - (offset + within - 0.5).abs();
     // Most are closed where look-ups would begin to read the texel: one question instead of ten.
@@ -137,15 +139,18 @@ fn barely_read_by(patches: &Patches, solids: Solids<'_>, j: usize, offset: DVec2
         let way = FINEST - reach(middle)[axis];
         way <= FINEST || way < CELL && is_open(middle, ahead(middle, -offset, axis, way))
     };
-    let weight = |middle: DVec2| {
-        if !(0..2).all(|axis| gets_there(middle, axis)) {
-            return 0.0;
-        }
-        let far = (0..2).fold(middle, |from, axis| outermost(from, -offset, axis, &is_open));
+    let weight = |far: DVec2| {
         let reach = reach(far).max(DVec2::ZERO);
         (reach.x * reach.y * CELL * CELL) as f32
     };
-    middles.into_iter().map(weight).fold(0.0, f32::max)
+    let farthest = |middle: DVec2| (0..2).fold(middle, |at, axis| ahead(at, -offset, axis, CELL));
+    middles.into_iter().fold(0.0, |most, middle| {
+        // Of the many pieces that share a texel, most could not be read more than one that is.
+        if weight(farthest(middle)) <= most || !(0..2).all(|axis| gets_there(middle, axis)) {
+            return most;
+        }
+        most.max(weight((0..2).fold(middle, |from, axis| outermost(from, -offset, axis, &is_open))))
+    })
 }
 
 /// The last open point on the way from an open one along an axis, by at most the width of a cell.
