@@ -144,7 +144,7 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     }
     let tracer = clock.timed("trace", |_| Tracer::new(&scene))?;
     let flag = clock.progress.cancel_flag();
-    let charted = clock.timed("atlas", |_| atlas::build(&scene, &atlas_settings(settings, flag)))??;
+    let charted = clock.timed("atlas", |_| atlas::build(&tracer, &atlas_settings(settings, flag)))??;
     let atlas = charted.output;
     warnings.extend(charted.warnings);
     warnings.extend(scene.missing_materials());
@@ -241,6 +241,7 @@ fn atlas_settings(settings: &Settings, cancel: Arc<std::sync::atomic::AtomicBool
         padding: settings.padding,
         mips: settings.mips,
         uv: settings.atlas_uv(),
+        share_texels: settings.shares_texels(),
         time_limit: None,
         cancel: Some(cancel),
     }

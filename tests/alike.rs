@@ -16,6 +16,7 @@ use std::sync::Arc;
 use texelwalk::atlas::{self, Atlas, Chart, NO_CHART, raster};
 use texelwalk::base::Warned;
 use texelwalk::scene::{Rule, Scene, Settings, load_bytes};
+use texelwalk::trace::Tracer;
 
 /// A box of 1 × 1.4 × 0.8 m in two primitives of three sides each; with a layout of its own if `uv`, one for both.
 fn box_of_two(b: &mut Builder, uv: bool) {
@@ -62,7 +63,7 @@ fn at(scale: [f64; 3], angle: f64, x: f64) -> DMat4 {
 }
 
 fn charted(scene: &Scene, settings: &atlas::Settings) -> Atlas {
-    let Warned { output, warnings } = atlas::build(scene, settings).unwrap();
+    let Warned { output, warnings } = atlas::build(&Tracer::new(scene), settings).unwrap();
     assert!(warnings.is_empty(), "{warnings:?}");
     output
 }
@@ -123,7 +124,7 @@ fn placements_in_one_size_have_one_layout_each_in_its_own_place() {
     let paged = charted(&scene, &tight);
     check(&scene, &paged, 30.0);
     assert!(paged.pages > 2 && paged.mips == 2);
-    let limited = atlas::build(&scene, &atlas::Settings { max_pages: Some(2), ..tight }).unwrap();
+    let limited = atlas::build(&Tracer::new(&scene), &atlas::Settings { max_pages: Some(2), ..tight }).unwrap();
     assert_eq!(limited.warnings[0].code, "density-lowered");
     assert!(limited.output.pages <= 2 && limited.output.texels_per_meter < 30.0);
     check(&scene, &limited.output, limited.output.texels_per_meter.into());
@@ -156,7 +157,7 @@ fn what_is_wrong_with_a_layout_is_said_of_every_placement() {
         b.push("nodes", json!({"mesh": 0, "name": name, "translation": [2.0 * i as f64, 0, 0]}));
     }
     let scene = load_bytes(b.glb(&[]), Path::new("a.glb"), &Settings::default()).unwrap().output;
-    let built = atlas::build(&scene, &atlas::Settings::default()).unwrap();
+    let built = atlas::build(&Tracer::new(&scene), &atlas::Settings::default()).unwrap();
     let told: Vec<_> = built.warnings.iter().map(|w| (w.code, w.node.as_deref().unwrap())).collect();
     assert_eq!(told, ["a", "b", "c"].map(|name| ("uv-regenerated", name)));
 }

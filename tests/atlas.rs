@@ -16,13 +16,14 @@ use std::time::{Duration, Instant};
 use texelwalk::atlas::{self, Atlas, NO_CHART, Settings, Uv};
 use texelwalk::base::Warned;
 use texelwalk::scene::Scene;
+use texelwalk::trace::Tracer;
 
 fn settings(texels_per_meter: f32) -> Settings {
     Settings { texels_per_meter, ..Settings::default() }
 }
 
 fn build(scene: &Scene, settings: &Settings) -> Warned<Atlas> {
-    let built = atlas::build(scene, settings).unwrap();
+    let built = atlas::build(&Tracer::new(scene), settings).unwrap();
     check(scene, settings, &built.output);
     built
 }
@@ -361,7 +362,7 @@ fn max_pages_lowers_the_density_and_says_so() {
     assert!(built.output.pages <= 2 && factor < 1.0);
     assert!(built.output.utilization() > 0.5, "{}", built.output.utilization());
     check_areas(&scene, &built.output, 0.01);
-    let tight = atlas::build(&scene, &Settings { page_size: 16, max_pages: Some(1), ..settings(40.0) });
+    let tight = atlas::build(&Tracer::new(&scene), &Settings { page_size: 16, max_pages: Some(1), ..settings(40.0) });
     assert!(matches!(tight, Err(atlas::Error::DoesNotFit { .. })));
 }
 
@@ -384,15 +385,15 @@ fn charts_larger_than_a_page_are_cut_or_lowered() {
 fn limits_and_bad_settings_are_errors() {
     let scene = scene(&[torus(64, 32)]);
     let cancelled = Settings { cancel: Some(Arc::new(AtomicBool::new(true))), ..settings(8.0) };
-    assert!(matches!(atlas::build(&scene, &cancelled), Err(atlas::Error::Cancelled)));
+    assert!(matches!(atlas::build(&Tracer::new(&scene), &cancelled), Err(atlas::Error::Cancelled)));
     let late = Settings { time_limit: Some(Duration::ZERO), ..settings(8.0) };
-    assert!(matches!(atlas::build(&scene, &late), Err(atlas::Error::TimeLimit(_))));
+    assert!(matches!(atlas::build(&Tracer::new(&scene), &late), Err(atlas::Error::TimeLimit(_))));
     for density in [0.0, -1.0, f32::NAN, f32::INFINITY] {
-        assert!(matches!(atlas::build(&scene, &settings(density)), Err(atlas::Error::Setting(_))));
+        assert!(matches!(atlas::build(&Tracer::new(&scene), &settings(density)), Err(atlas::Error::Setting(_))));
     }
     for page_size in [0, 8, 1 << 20] {
         let wrong = Settings { page_size, ..settings(8.0) };
-        assert!(matches!(atlas::build(&scene, &wrong), Err(atlas::Error::Setting(_))));
+        assert!(matches!(atlas::build(&Tracer::new(&scene), &wrong), Err(atlas::Error::Setting(_))));
     }
     let many = build(&scene, &Settings { max_pages: Some(1), page_size: 512, ..settings(1e20) });
     assert!(many.warnings.iter().any(|w| w.code == "density-lowered"));
@@ -403,7 +404,7 @@ fn a_limit_that_passes_midway_stops_xatlas() {
     let scene = scene(&[rough(torus(160, 80), 0.05)]);
     let start = Instant::now();
     let late = Settings { time_limit: Some(Duration::from_millis(150)), ..settings(8.0) };
-    assert!(matches!(atlas::build(&scene, &late), Err(atlas::Error::TimeLimit(_))));
+    assert!(matches!(atlas::build(&Tracer::new(&scene), &late), Err(atlas::Error::TimeLimit(_))));
     assert!(start.elapsed() < Duration::from_secs(2), "{:?}", start.elapsed());
 }
 
@@ -442,7 +443,7 @@ fn unusable_layouts_are_charted_anew_with_the_reason() {
         assert_eq!((built.warnings.len(), built.warnings[0].code), (1, "uv-regenerated"));
         assert!(built.warnings[0].message.contains(reason), "{reason}: {}", built.warnings[0].message);
         assert!(!built.output.parts[0].kept);
-        match atlas::build(&scene, &Settings { uv: Uv::Keep, ..settings(10.0) }) {
+        match atlas::build(&Tracer::new(&scene), &Settings { uv: Uv::Keep, ..settings(10.0) }) {
             Err(atlas::Error::UnusableUv { node, .. }) => assert_eq!(node, "node 0"),
             other => panic!("{reason}: {other:?}"),
         }
@@ -512,7 +513,7 @@ fn threads_do_not_change_the_atlas() {
         .into_iter()
         .map(|threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            format!("{:?}", pool.install(|| atlas::build(&scene, &settings(16.0)).unwrap().output))
+            format!("{:?}", pool.install(|| atlas::build(&Tracer::new(&scene), &settings(16.0)).unwrap().output))
         })
         .collect();
     assert!(results.windows(2).all(|w| w[0] == w[1]));
@@ -539,7 +540,7 @@ fn timed(name: &str, mesh: Mesh, limit: Duration) {
     let area: f64 = (0..triangles as u32).map(|t| scene.area(t)).sum();
     let settings = settings((2.0 * triangles as f64 / area).sqrt() as f32);
     let start = Instant::now();
-    let atlas = atlas::build(&scene, &settings).unwrap().output;
+    let atlas = atlas::build(&Tracer::new(&scene), &settings).unwrap().output;
     let time = start.elapsed();
     let (charts, size) = (atlas.charts.len(), atlas.page_size);
     println!("{name}: {triangles} triangles, {charts} charts, {:.3} used, {size:?}, {time:.2?}", atlas.utilization());
@@ -580,7 +581,7 @@ fn fifty_thousand_charts_are_packed_in_seconds() {
     let scene = scene(&meshes);
     let settings = settings(20.0);
     let start = Instant::now();
-    let atlas = atlas::build(&scene, &settings).unwrap().output;
+    let atlas = atlas::build(&Tracer::new(&scene), &settings).unwrap().output;
     let time = start.elapsed();
     let (charts, pages, size) = (atlas.charts.len(), atlas.pages, atlas.page_size);
     println!("{charts} charts, {pages} pages of {size:?}, {:.3} used, {time:.2?}", atlas.utilization());

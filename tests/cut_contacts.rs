@@ -136,7 +136,7 @@ fn the_sides_of_a_wall_and_what_lies_under_it_have_charts_of_their_own() {
     let baked = place.bake("texels-per-meter = 16.0\ngather = 2\nlines-per-texel = 1");
     let scene = contacts::cut(baked.source, &SETTINGS);
     let tracer = Tracer::new(&scene);
-    let atlas = atlas::build(&scene, &atlas::Settings::default()).unwrap().output;
+    let atlas = atlas::build(&Tracer::new(&scene), &atlas::Settings::default()).unwrap().output;
     let chart = |x: f32, z: f32| {
         let part = scene.parts.iter().position(|p| p.name == "floor").unwrap();
         let range = scene.parts[part].triangles.clone();
@@ -169,7 +169,7 @@ fn legs_and_crates_make_holes_and_no_lines() {
     place.solid("crate", Vec3::new(-1.5, 0.0, -0.8), Vec3::new(-0.9, 0.5, -0.2));
     let scene = contacts::cut(place.bake("texels-per-meter = 4.0\ngather = 0\nlines-per-texel = 1").source, &SETTINGS);
     assert!(scene.cuts.cut == 2 && scene.cuts.continued == 0, "{:?}", (scene.cuts.cut, scene.cuts.continued));
-    let atlas = atlas::build(&scene, &atlas::Settings::default()).unwrap().output;
+    let atlas = atlas::build(&Tracer::new(&scene), &atlas::Settings::default()).unwrap().output;
     let floor = scene.parts.iter().position(|p| p.name == "floor").unwrap();
     let mut charts = atlas.parts[floor].charts().collect::<Vec<_>>();
     charts.sort_unstable();

@@ -13,6 +13,7 @@ use hostile::builder as gltf_builder;
 use std::time::Duration;
 use std::time::Instant;
 use texelwalk::scene;
+use texelwalk::trace::Tracer;
 
 /// Longest that a refusal may take. The slowest cases parse a few megabytes; a hundred times less is usual. (2.7 s were
 /// measured beside four busy programs.)
@@ -107,7 +108,7 @@ fn odd_documents_load_and_can_be_charted() {
         }
         let how =
             texelwalk::atlas::Settings { page_size: 1024, max_pages: Some(1), ..texelwalk::atlas::Settings::default() };
-        match texelwalk::atlas::build(scene, &how) {
+        match texelwalk::atlas::build(&Tracer::new(scene), &how) {
             Ok(atlas) if atlas.output.pages == 1 => {}
             Ok(atlas) => faults.push(format!("{}: {} pages", case.name, atlas.output.pages)),
             Err(error) => faults.push(format!("{}: no atlas: {error}", case.name)),

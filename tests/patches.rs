@@ -16,7 +16,7 @@ use texelwalk::atlas::NO_CHART;
 use texelwalk::base::random::{Stage as Draws, Stream};
 use texelwalk::base::{Progress, Rgb};
 use texelwalk::patches::{PatchSurface, Patches};
-use texelwalk::scene::Material;
+use texelwalk::scene::{Material, Part};
 
 /// Boxes with normals of their own, smooth legs, textures, sheets with two sides, mirrored instances.
 const SCENES: [(&str, f32); 4] = [
@@ -102,7 +102,11 @@ fn time_of_leaves(count: usize) -> f64 {
             [0; 3].map(|_| at + point(0.012))
         })
         .collect();
-    let scene = scene_with_material(&leaves, Material { double_sided: true, ..white() });
+    let mut scene = scene_with_material(&leaves, Material { double_sided: true, ..white() });
+    // Leaves of one part would share texels.
+    let part = |k: u32| Part { vertices: 3 * k..3 * k + 3, triangles: k..k + 1, ..scene.parts[0].clone() };
+    scene.parts = (0..count as u32).map(part).collect();
+    scene.triangle_part = (0..count as u32).collect();
     let stage = Stage::new(&scene, 16.0);
     assert!(stage.patches.front >= count && stage.patches.reflectance[0] != Rgb::ZERO);
     let one = || {

@@ -25,6 +25,7 @@ use texelwalk::scene;
 use texelwalk::scene::Camera;
 use texelwalk::scene::Projection;
 use texelwalk::scene::Scene;
+use texelwalk::trace::Tracer;
 
 /// A 2 × 2 m square in z = 0 that faces +z, of reflectance 0.5, with its lightmap over all of it, and a camera before it.
 fn square() -> Scene {
@@ -170,8 +171,7 @@ fn a_plain_picture_needs_no_light_and_a_series_shares_its_rays() {
     let lit = Lightmaps::new(vec![page(4, |_, _| 1.2)], &[Some((0, 1, core::f32::consts::PI))]);
     shows(&render(&scene, &lit, &plain).unwrap(), 1, 1, [0.5, 0.75, 1.0]);
     let overlays = [Overlay::Charts, Overlay::None, Overlay::Plain];
-    let series =
-        texelwalk::render::series(&texelwalk::trace::Tracer::new(&scene), &lit, &settings(4), &overlays).unwrap();
+    let series = texelwalk::render::series(&Tracer::new(&scene), &lit, &settings(4), &overlays).unwrap();
     for (picture, overlay) in series.iter().zip(overlays) {
         assert_eq!(picture, &render(&scene, &lit, &Settings { overlay, ..settings(4) }).unwrap());
     }
@@ -231,7 +231,7 @@ fn a_document_on_disk_with_its_pages() {
         let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name);
         let before = scene::load(&path, &scene::Settings::default()).unwrap().output;
         let settings = atlas::Settings { texels_per_meter: 8.0, page_size: 512, ..atlas::Settings::default() };
-        let atlas = atlas::build(&before, &settings).unwrap().output;
+        let atlas = atlas::build(&Tracer::new(&before), &settings).unwrap().output;
         let folder = tempfile::tempdir().unwrap();
         let output = folder.path().join("baked.glb");
         let files = output::names::page_files(&output, atlas.pages);

@@ -11,6 +11,7 @@ use texelwalk::output::gltf::write_gltf;
 use texelwalk::output::names::page_files;
 use texelwalk::scene;
 use texelwalk::scene::Scene;
+use texelwalk::trace::Tracer;
 
 fn fixtures() -> Vec<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures");
@@ -51,7 +52,7 @@ fn a_baked_fixture_loads_as_the_same_scene() {
     for path in fixtures() {
         let before = load(&path);
         let settings = atlas::Settings { texels_per_meter: 4.0, page_size: 256, ..atlas::Settings::default() };
-        let atlas = atlas::build(&before, &settings).unwrap().output;
+        let atlas = atlas::build(&Tracer::new(&before), &settings).unwrap().output;
         assert!(atlas.pages > 0, "{}", path.display());
         let folder = tempfile::tempdir().unwrap();
         for extension in ["glb", "gltf"] {

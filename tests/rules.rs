@@ -557,7 +557,7 @@ fn texels_of_every_size_are_linked_across_charts() {
         load(&b, "[[rules]]\nnodes = [\"Floor*\"]\ndensity = 0.25\n[[rules]]\nnodes = [\"Crate\"]\ndensity = 4").output;
     let tracer = Tracer::new(&scene);
     let settings = atlas::Settings { texels_per_meter: 8.0, ..atlas::Settings::default() };
-    let atlas = atlas::build(&scene, &settings).unwrap().output;
+    let atlas = atlas::build(&Tracer::new(&scene), &settings).unwrap().output;
     let patches = Patches::new(&tracer, &atlas, &Progress::default());
     let graph = PatchGraph::new(&patches, &tracer, &Progress::default());
     let across = |name: &str| {

@@ -12,7 +12,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("scene", &["base"]),
     ("trace", &["base", "scene"]),
     ("contacts", &["base", "scene", "trace"]),
-    ("atlas", &["base", "scene"]),
+    ("atlas", &["base", "scene", "trace"]),
     ("patches", &["base", "scene", "trace", "atlas"]),
     ("light", &["base", "scene", "trace", "patches"]),
     ("walk", &["base", "trace", "patches"]),

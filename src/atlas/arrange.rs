@@ -22,10 +22,13 @@ use super::shape::extent;
 use super::shape::fraction_bits;
 use super::shape::shape;
 use super::shape::touched;
+use super::specks;
+use super::specks::Small;
 use crate::base::Sets;
 use crate::base::Warning;
 use crate::base::parallel;
 use crate::scene::Scene;
+use crate::trace::Tracer;
 use core::iter::repeat_n;
 use glam::DVec2;
 use std::sync::Arc;
@@ -63,12 +66,13 @@ pub(super) struct Arranged {
 
 /// Scales, cuts and packs the pieces.
 pub(super) fn arrange(
-    scene: &Scene,
+    tracer: &Tracer<'_>,
     pieces: Vec<Piece>,
     settings: &Settings,
     guard: &Guard,
     warnings: &mut Vec<Warning>,
 ) -> Result<Arranged, Error> {
+    let scene = tracer.scene();
     let allowed = settings.max_pages.unwrap_or(MOST_PAGES);
     let fail = Error::DoesNotFit {
         charts: pieces.iter().map(|piece| piece.parts.len() * piece.copies()).sum(),
@@ -78,7 +82,8 @@ pub(super) fn arrange(
         side: settings.page_size,
     };
     let density = f64::from(settings.texels_per_meter);
-    let attempt = |factor: f64| attempt(&pieces, density * factor, settings, allowed, guard);
+    let small = if settings.share_texels { specks::small(tracer, &pieces, density) } else { vec![None; pieces.len()] };
+    let attempt = |factor: f64| attempt(&pieces, &small, density * factor, settings, allowed, guard);
     let mut factor = 1.0;
     let mut too_dense = None;
     let mut least = LEAST_FACTOR;
@@ -202,7 +207,14 @@ impl Layout {
     }
 }
 
-fn attempt(pieces: &[Piece], density: f64, settings: &Settings, allowed: u32, guard: &Guard) -> Result<Attempt, Error> {
+fn attempt(
+    pieces: &[Piece],
+    small: &[Option<Small>],
+    density: f64,
+    settings: &Settings,
+    allowed: u32,
+    guard: &Guard,
+) -> Result<Attempt, Error> {
     guard.check()?;
     let (sheet, limit) = sheet(settings, allowed);
     let capacity = f64::from(allowed) * limit * limit;
@@ -213,9 +225,11 @@ fn attempt(pieces: &[Piece], density: f64, settings: &Settings, allowed: u32, gu
     }
     let mut fitted = Vec::with_capacity(pieces.len());
     let mut lowered = Vec::new();
-    for piece in pieces {
+    let shared = specks::share(pieces, small, density);
+    for (piece, _) in pieces.iter().zip(&shared.is_in).filter(|(_, is_in)| !**is_in) {
         cut(piece, density, limit, &mut fitted, &mut lowered);
     }
+    fitted.extend(shared.texels);
     let bits = fraction_bits(settings.page_size);
     let level = settings.mips;
     let shapes = parallel::map(fitted.len(), |i| shape(&fitted[i], density, bits));

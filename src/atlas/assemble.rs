@@ -1,4 +1,5 @@
-//! Gives every corner its output vertex: one per (source vertex, chart), in the order of first use.
+//! Gives every corner its output vertex: one per source vertex, chart and place, in the order of first use. Places differ
+//! within a chart where it is several that share a texel.
 //!
 //! Charts are numbered by part; those of a part are neighbours, in the order of its blocks. In a kept layout of several
 //! parts they are those of the block.
@@ -94,7 +95,7 @@ fn layout(scene: &Scene, p: usize, laid: &[Laid<'_>], kept: bool, bits: u32) -> 
         layout.uv = vec![Vec2::ZERO; part.vertices.len()];
         layout.vertex_chart = vec![NO_CHART; part.vertices.len()];
     }
-    let mut index: HashMap<(u32, u32), u32> = HashMap::new();
+    let mut index: HashMap<(u32, u32, [u32; 2]), u32> = HashMap::new();
     let placed = placed(if part.receives { part.triangles.len() } else { 0 }, laid, bits);
     for (triangle, placed) in scene.part_triangles(part).zip(placed.into_iter().chain(repeat(None))) {
         let (chart, uv) = placed.unwrap_or((NO_CHART, [Vec2::ZERO; 3]));
@@ -102,7 +103,7 @@ fn layout(scene: &Scene, p: usize, laid: &[Laid<'_>], kept: bool, bits: u32) -> 
         for k in 0..3 {
             let source = triangle[k];
             if !identity {
-                vertices[k] = *index.entry((source, chart)).or_insert_with(|| {
+                vertices[k] = *index.entry((source, chart, uv[k].to_array().map(f32::to_bits))).or_insert_with(|| {
                     layout.source_vertex.push(source);
                     layout.uv.push(uv[k]);
                     layout.vertex_chart.push(chart);

@@ -6,7 +6,7 @@
 //! Usable means: finite, inside [0, 1]², no place covered twice, all triangles of one orientation but for [`OUTLIERS`] of
 //! the area, no visible triangle collapsed, and for all but [`OUTLIERS`] of the area a density within a factor
 //! [`MAX_STRETCH`] of the mean in every direction. With [`Uv::Auto`], charts must also not share texels at the wanted
-//! density; with [`Uv::Keep`] those that do become one chart.
+//! density, unless as those made here do (`specks`); those that do become one chart.
 
 use super::Error;
 use super::Settings;
@@ -20,6 +20,8 @@ use super::overlap;
 use super::shape::extent;
 use super::shape::fraction_bits;
 use super::shape::shape;
+use super::specks::Speck;
+use super::specks::belong_together;
 use crate::base::Warning;
 use crate::base::parallel;
 use crate::scene::EqualParts;
@@ -214,7 +216,7 @@ fn block(scene: &Scene, parts: &[usize], settings: &Settings) -> Result<Piece, S
     let owners = [parts.iter().map(|p| *p as u32).collect()].into();
     let piece = Piece { owners, parts: chart_parts, faces, corners, kept: true }.scaled(f64::from(density));
     if settings.uv == Uv::Auto {
-        check_texels(&piece, settings)?;
+        check_texels(&piece, &worlds, f64::from(density), settings)?;
     }
     Ok(piece)
 }
@@ -227,19 +229,28 @@ fn is_mirrored_in_part(corners: &[[DVec2; 3]]) -> bool {
     right.min(all - right) > OUTLIERS * all
 }
 
-/// Charts must be apart at the wanted density (or at that of a whole page, if that is less).
-fn check_texels(piece: &Piece, settings: &Settings) -> Result<(), String> {
+/// Charts must be apart at the wanted density (or at that of a whole page, if that is less), or belong together; `factor`
+/// is that of the parts.
+fn check_texels(piece: &Piece, worlds: &[[DVec3; 3]], factor: f64, settings: &Settings) -> Result<(), String> {
     let (low, high) = extent(piece);
     let density = f64::from(settings.texels_per_meter).min(f64::from(settings.page_size) / (high - low).max_element());
     let bits = fraction_bits(settings.page_size);
     let shape = shape(piece, density, bits);
     let sets = sharing(piece, &shape, bits).numbers();
     let apart = sets.iter().map(|n| n + 1).max().unwrap_or(0) as usize;
-    if apart < piece.parts.len() {
-        let sharing = piece.parts.len() - apart;
-        return Err(format!("{sharing} of its charts share texels with others at {density:.3} texels/m"));
+    if apart == piece.parts.len() {
+        return Ok(());
     }
-    Ok(())
+    let mut specks = vec![Speck::NONE; piece.parts.len()];
+    piece.faces.iter().zip(worlds).for_each(|(face, world)| specks[face.chart as usize].add(*world));
+    let mut members = vec![vec![]; apart];
+    sets.iter().zip(specks).for_each(|(set, speck)| members[*set as usize].push(speck));
+    let edge = 1.0 / (density * factor);
+    let wrong = members.iter().filter(|set| set.len() > 1 && !belong_together(set, edge));
+    match wrong.map(|set| set.len() - 1).sum::<usize>() {
+        0 => Ok(()),
+        sharing => Err(format!("{sharing} of its charts share texels with others at {density:.3} texels/m")),
+    }
 }
 
 /// The density of a triangle is within [`MAX_STRETCH`] in every direction.

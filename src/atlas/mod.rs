@@ -4,9 +4,9 @@
 //!
 //! Steps: weld the triangles of each part by position (`weld`), take planar pieces and smooth components (`region`),
 //! flatten them by projection or by xatlas (`flatten`, `chart`), turn each chart to the texel rows (`align`), or keep
-//! the part's own `TEXCOORD_1` (`keep`); scale to the density and rasterise (`shape`), find what each chart needs of a
-//! page so that mip levels do not mix charts (`claim`, `cells`), pack (`pack`, `choose`, `arrange`), and give every
-//! triangle corner its output vertex (`assemble`).
+//! the part's own `TEXCOORD_1` (`keep`); put charts smaller than a texel together (`specks`), scale to the density and
+//! rasterise (`shape`), find what each chart needs of a page so that mip levels do not mix charts (`claim`, `cells`),
+//! pack (`pack`, `choose`, `arrange`), and give every triangle corner its output vertex (`assemble`).
 //!
 //! Parts that place the same primitive in the same size (`scene::EqualParts`) have one layout, and a place each for every
 //! chart; those in the same shape but of other sizes have the same charts, scaled (`alike`).
@@ -18,11 +18,6 @@
 //! * vertices lie on a grid of 2⁻ⁿ texels, and charts move by whole texels only, so that coordinates are exact in `f32`
 //!   and a chart covers the same texels wherever it is packed;
 //! * the result does not depend on the number of threads.
-//!
-//! Tried: charts smaller than a texel in the texels of others of their part that are within a texel and face the same way.
-//! A pot plant had 1,088 texels instead of 23,042, as near to a bake with texels of an eighth (root mean square 0.207 and
-//! 0.208 of a mean of 0.37) in a fifth of the time; but keys of a keyboard became as dark as what lies between and below
-//! them, also where what lies behind others was kept apart. What shares texels would have to be as open, too.
 
 mod align;
 mod alike;
@@ -38,17 +33,20 @@ mod guard;
 mod keep;
 mod layout;
 mod merge;
+mod open;
 pub(crate) mod overlap;
 mod pack;
 pub mod raster;
 mod region;
 mod shape;
+pub(crate) mod specks;
 mod weld;
 
 use crate::base::Warned;
 use crate::base::Warning;
 use crate::base::parallel;
 use crate::scene::Scene;
+use crate::trace::Tracer;
 use core::time::Duration;
 use guard::Guard;
 pub use layout::{ChartedPart, Layout};
@@ -93,7 +91,7 @@ impl Atlas {
     }
 }
 
-/// A connected piece of surface that is flat on a page.
+/// A connected piece of surface that is flat on a page, or several that share a texel (`specks`).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Chart {
     /// Index into `Scene::parts`. Where charts of a kept layout share texels and count as one, their first part.
@@ -129,6 +127,8 @@ pub struct Settings {
     pub mips: u32,
     /// Use of `TEXCOORD_1`.
     pub uv: Uv,
+    /// Put charts smaller than a texel together (`specks`).
+    pub share_texels: bool,
     /// Give up after this time.
     pub time_limit: Option<Duration>,
     /// Give up when it becomes true.
@@ -144,6 +144,7 @@ impl Default for Settings {
             padding: 2,
             mips: 0,
             uv: Uv::Auto,
+            share_texels: true,
             time_limit: None,
             cancel: None,
         }
@@ -204,8 +205,9 @@ pub fn existing_layouts(scene: &Scene, settings: &Settings) -> Vec<Option<String
 ///
 /// # Errors
 /// [`Error`]: cancelled, out of time, no density fits, a `TEXCOORD_1` that cannot be kept, a setting out of range.
-pub fn build(scene: &Scene, settings: &Settings) -> Result<Warned<Atlas>, Error> {
+pub fn build(tracer: &Tracer<'_>, settings: &Settings) -> Result<Warned<Atlas>, Error> {
     check(settings)?;
+    let scene = tracer.scene();
     let guard = Guard::new(settings.time_limit, settings.cancel.clone());
     let equal = scene.equal_parts();
     let kept = keep::kept_blocks(scene, settings, &equal, &guard)?;
@@ -213,7 +215,7 @@ pub fn build(scene: &Scene, settings: &Settings) -> Result<Warned<Atlas>, Error>
     pieces.extend(kept.pieces);
     pieces.sort_by_key(|piece| piece.owners[0][0]);
     let mut warnings: Vec<Warning> = kept.warnings.into_iter().map(|(_, warning)| warning).collect();
-    let arranged = arrange::arrange(scene, pieces, settings, &guard, &mut warnings)?;
+    let arranged = arrange::arrange(tracer, pieces, settings, &guard, &mut warnings)?;
     let output = assemble::assemble(scene, &arranged, &kept.part_is_kept);
     Ok(Warned { output, warnings })
 }

@@ -13,6 +13,7 @@
 //!
 //! Limits: values are compared as they are stored; light at vertices has no texels and is not checked.
 
+mod charts;
 mod density;
 mod leaks;
 mod measure;

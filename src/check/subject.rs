@@ -2,15 +2,15 @@
 //!
 //! In: scene, lightmaps, settings. Out: [`Subject`].
 //!
-//! The document does not say what its charts are. Here they are triangles that hang together over edges whose ends agree
-//! both in the world and on the page. Pages may differ in size; patches number texels on pages as large as the largest.
+//! Pages may differ in size; patches number texels on pages as large as the largest.
 //!
 //! Limits: triangles that leave their page have no texels here; they are faults already.
 
 use super::Settings;
+use super::charts::{charts, corners};
 use super::measure::{Place, Spot};
 use crate::atlas::{Atlas, Chart, ChartedPart, Layout, NO_CHART, raster};
-use crate::base::{Progress, Rgb, Sets, parallel};
+use crate::base::{Progress, Rgb, parallel};
 use crate::output::Error;
 use crate::output::exr::ImageF32;
 use crate::patches::{PatchGraph, Patches, SurfacePoint};
@@ -18,7 +18,6 @@ use crate::render::Lightmaps;
 use crate::scene::Scene;
 use crate::trace::Tracer;
 use glam::{DVec2, DVec3, Vec2, Vec3};
-use rayon::slice::ParallelSliceMut;
 
 /// Coordinates may leave [0, 1] by this much (exporters write 1.0000001).
 pub(super) const BORDER: f32 = 1e-4;
@@ -224,56 +223,6 @@ fn page_size(scene: &Scene, lightmaps: &Lightmaps, flat: &[Option<Flat>]) -> Res
         ));
     }
     Ok([width, height])
-}
-
-/// Class of each vertex: place in the world, page and place on it, by their bits.
-fn corners(scene: &Scene, flat: &[Option<Flat>]) -> Vec<u32> {
-    let mut keys = vec![([0u32; 6], u32::MAX); scene.vertex_count()];
-    for (t, f) in flat.iter().enumerate() {
-        let Some(f) = f else { continue };
-        for (v, uv) in scene.triangle(t as u32).iter().zip(f.uv) {
-            let p = scene.vertex_position(*v);
-            // Adding 0 makes −0 the same as 0.
-            let bits = [p.x, p.y, p.z, uv.x, uv.y].map(|x| (x + 0.0).to_bits());
-            keys[*v as usize] = ([f.page, bits[0], bits[1], bits[2], bits[3], bits[4]], *v);
-        }
-    }
-    keys.par_sort_unstable();
-    let mut class = vec![u32::MAX; keys.len()];
-    let mut count = 0;
-    for (k, (key, vertex)) in keys.iter().enumerate() {
-        count += u32::from(k > 0 && keys[k - 1].0 != *key);
-        if *vertex != u32::MAX {
-            class[*vertex as usize] = count;
-        }
-    }
-    class
-}
-
-/// Charts by triangle, numbered by first appearance.
-fn charts(scene: &Scene, flat: &[Option<Flat>], corner: &[u32]) -> Vec<u32> {
-    let usable = |t: usize| flat[t].is_some_and(|f| f.inside && texel_area(&f.uv) > 0.0);
-    let members: Vec<usize> = (0..flat.len()).filter(|&t| usable(t)).collect();
-    let mut edges: Vec<(u32, u32, u32)> = Vec::with_capacity(3 * members.len());
-    for (m, &t) in members.iter().enumerate() {
-        let class = scene.triangle(t as u32).map(|v| corner[v as usize]);
-        for k in 0..3 {
-            let (a, b) = (class[k], class[(k + 1) % 3]);
-            edges.push((a.min(b), a.max(b), m as u32));
-        }
-    }
-    edges.par_sort_unstable();
-    let mut sets = Sets::new(members.len());
-    for pair in edges.windows(2) {
-        if (pair[0].0, pair[0].1) == (pair[1].0, pair[1].1) {
-            sets.join(pair[0].2 as usize, pair[1].2 as usize);
-        }
-    }
-    let mut chart = vec![NO_CHART; flat.len()];
-    for (number, t) in sets.numbers().into_iter().zip(members) {
-        chart[t] = number;
-    }
-    chart
 }
 
 fn atlas(scene: &Scene, flat: &[Option<Flat>], chart: &[u32], page_size: [u32; 2], pages: u32) -> Atlas {

@@ -19,6 +19,7 @@ use crate::base::Warning;
 use crate::memory::Estimate;
 use crate::scene;
 use crate::settings::Settings;
+use crate::trace::Tracer;
 use std::path::Path;
 
 /// Everything that `inspect` tells. The names are the keys of its JSON.
@@ -86,9 +87,10 @@ pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
         padding: settings.padding,
         mips: settings.mips,
         uv: settings.atlas_uv(),
+        share_texels: settings.shares_texels(),
         ..atlas::Settings::default()
     };
-    let charted = atlas::build(&scene, &how)?;
+    let charted = atlas::build(&Tracer::new(&scene), &how)?;
     let atlas = charted.output;
     let memory = Estimate::new(&scene, &atlas, settings);
     let time = Time::new(&scene, &atlas, settings);

@@ -97,6 +97,12 @@ impl super::Settings {
             UvMode::Generate => Uv::Generate,
         }
     }
+
+    /// Charts smaller than a texel may share texels. Vertices have a value each, whatever the texels.
+    #[must_use]
+    pub fn shares_texels(&self) -> bool {
+        self.target == Target::Lightmap
+    }
 }
 
 /// What is baked to.

@@ -13,6 +13,7 @@ use texelwalk::output::{exr, gltf};
 use texelwalk::render::{self, Lightmaps};
 use texelwalk::scene::{self, Environment, Scene, ies};
 use texelwalk::settings::{Options, Preset};
+use texelwalk::trace::Tracer;
 use texelwalk::{atlas, check};
 
 /// What became of an input.
@@ -225,7 +226,7 @@ fn rewrite(samples: &Samples, random: &mut Random) -> Outcome {
         padding: 1,
         ..atlas::Settings::default()
     };
-    let Ok(atlas) = atlas::build(&scene, &how) else { return Outcome { bytes, accepted: false } };
+    let Ok(atlas) = atlas::build(&Tracer::new(&scene), &how) else { return Outcome { bytes, accepted: false } };
     let output = samples.path("out.glb");
     let settings = gltf::Settings {
         quantity: Quantity::Radiosity,

@@ -49,7 +49,7 @@ impl<'a> Stage<'a> {
     pub fn new(scene: &'a Scene, texels_per_meter: f32) -> Self {
         let tracer = Tracer::new(scene);
         let settings = atlas::Settings { texels_per_meter, ..atlas::Settings::default() };
-        let atlas = atlas::build(scene, &settings).unwrap().output;
+        let atlas = atlas::build(&tracer, &settings).unwrap().output;
         let patches = Patches::new(&tracer, &atlas, &Progress::default());
         let graph = PatchGraph::new(&patches, &tracer, &Progress::default());
         Self { emitters: Emitters::new(scene), tracer, atlas, patches, graph }
