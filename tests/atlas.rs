@@ -425,6 +425,25 @@ fn a_usable_layout_is_kept() {
 }
 
 #[test]
+fn needles_on_the_last_borders_of_a_layout_do_no_harm() {
+    let mut mesh = laid_out();
+    let needles: [[(f32, f32); 3]; 2] = [[(0.2, 0.5), (0.3, 0.5), (0.4, 0.5)], [(0.9, 0.2), (0.9, 0.3), (0.9, 0.4)]];
+    for needle in needles {
+        let first = mesh.positions.len() as u32;
+        for (k, (u, v)) in needle.into_iter().enumerate() {
+            mesh.positions.push(Vec3::new(k as f32 % 2.0, k as f32 / 2.0, 0.0) * 1e-5);
+            mesh.normals.push(Vec3::Z);
+            mesh.uv1.push(Vec2::new(u, v));
+        }
+        mesh.triangles.push([first, first + 1, first + 2]);
+    }
+    // A hair less than whole texels: the borders are rounded to the ends of the last row and column.
+    let built = atlas::build(&Tracer::new(&scene(&[mesh])), &settings(9.999_99)).unwrap();
+    assert!(built.warnings.is_empty() && built.output.parts[0].kept, "{:?}", built.warnings);
+    assert_eq!((built.output.charts.len(), built.output.covered_texels), (3, 800));
+}
+
+#[test]
 fn unusable_layouts_are_charted_anew_with_the_reason() {
     type Spoil = fn(Vec2) -> Vec2;
     let cases: [(&str, Spoil); 6] = [
