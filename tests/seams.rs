@@ -231,6 +231,39 @@ impl Pixels for Lightmap {
 }
 
 #[test]
+fn specks_in_the_dark_do_not_darken_what_they_lie_in() {
+    // A plate of 4 × 4 texels with holes of a ninth of it, a quarter of a texel wide, filled by pieces in the dark.
+    let (cells, cell) = (16, 0.25 / 16.0);
+    let is_hole = |i: i32, j: i32| i % 3 == 1 && j % 3 == 1;
+    let mut all = vec![vec![]];
+    for (i, j) in (0..cells * cells).map(|k| (k % cells, k / cells)) {
+        let mut square = vec![];
+        let at = DVec3::new(f64::from(i), 0.0, f64::from(j)) * cell;
+        grid(at, DVec3::Z * cell, DVec3::X * cell, 1, 1, &mut square);
+        if is_hole(i, j) { all.push(square) } else { all[0].extend(square) }
+    }
+    let mut scene = pieces(&all);
+    (0..).zip(&mut scene.parts).for_each(|(k, part)| part.mesh = k);
+    let stage = Stage::new(&scene, 16.0);
+    assert_eq!(stage.atlas.charts.len(), 26);
+    let patches = &stage.patches;
+    let plate: Vec<usize> = (0..patches.front).filter(|i| patches.chart(*i) == 0).collect();
+    let light: Vec<Rgb> = (0..patches.front).map(|i| Rgb::splat(f32::from(plate.contains(&i)))).collect();
+    let mut map = finish::assemble(patches, stage.atlas.pages, &light, 1.0);
+    finish::fill(patches, &mut map, 0, 2);
+    let progress = Progress::default();
+    let seams = Seams::new(&stage.tracer, &stage.atlas, patches, &progress);
+    assert!(seams.steps(patches, &map).points > 100);
+    seams.stitcher(patches, &map, &progress).unwrap().stitch(&mut map, &progress);
+    let pixel = |i: &usize| {
+        let (x, y) = patches.texel_xy(*i);
+        map.pages[0].pixels[(y * map.pages[0].width + x) as usize][0]
+    };
+    let least = plate.iter().map(pixel).fold(1.0, f32::min);
+    assert!(least > 0.7, "the plate holds {least} of its light");
+}
+
+#[test]
 fn constants_and_zero_stay_and_nothing_goes_below_zero() {
     let scene = smooth(&place(&blob(10, 0.2), skew(), 2.0, DVec3::ZERO));
     for light in [Rgb::new(0.3, 2.0, 0.0), Rgb::ZERO] {

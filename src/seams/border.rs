@@ -74,6 +74,8 @@ pub(super) struct Borders<'a> {
     asked: Vec<Vec<Asked>>,
     /// Number of places that are asked in the parts before each, and in all.
     before: Vec<usize>,
+    /// See [`surfaces`].
+    surface: Vec<f32>,
     /// Median edge length of the texels along borders, parts with one layout counted once [m].
     pub(super) texel: f64,
 }
@@ -88,9 +90,15 @@ impl<'a> Borders<'a> {
             *sum += asked[*layout as usize].len();
             Some(*sum)
         }));
-        let mut borders = Self { scene, atlas, patches, layout_of, sides, asked, before, texel: 1.0 };
+        let surface = surfaces(patches);
+        let mut borders = Self { scene, atlas, patches, layout_of, sides, asked, before, surface, texel: 1.0 };
         borders.texel = borders.median_texel();
         borders
+    }
+
+    /// Exposed surface of an edge's chart, up to a texel.
+    pub(super) fn surface(&self, edge: &Edge) -> f32 {
+        self.surface.get(edge.chart as usize).copied().unwrap_or(0.0)
     }
 
     /// Number of places that are asked.
@@ -165,6 +173,17 @@ impl<'a> Borders<'a> {
         let middle = all.len() / 2;
         if all.is_empty() { 1.0 } else { *all.select_nth_unstable_by(middle, f64::total_cmp).1 }
     }
+}
+
+/// Exposed surface of each chart, up to a texel; charts without texels may be missing at the end.
+pub(super) fn surfaces(patches: &Patches) -> Vec<f32> {
+    let mut surface: Vec<f32> = vec![];
+    for i in 0..patches.front {
+        let chart = patches.chart(i) as usize;
+        surface.resize(surface.len().max(chart + 1), 0.0);
+        surface[chart] = (surface[chart] + patches.covered(i) * patches.exposed[i]).min(1.0);
+    }
+    surface
 }
 
 /// Chart, ends on the page by their bits, triangle, and which of its sides.

@@ -28,6 +28,7 @@
 //!
 //! Seams are lines, so the matrix has a sparse factor (`base::cholesky`): equations are solved exactly.
 
+use super::border::surfaces;
 use crate::base::Around;
 use crate::base::Progress;
 use crate::base::Rgb;
@@ -103,7 +104,7 @@ pub(super) struct Taps {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Row {
     pub(super) sides: [Taps; 2],
-    /// Length of seam that it stands for [texels].
+    /// Length of seam that it stands for [texels], less where that is the outline of something smaller than a texel.
     pub(super) length: f32,
 }
 
@@ -211,7 +212,8 @@ pub(super) fn problems(
     let mut read: Vec<u32> = rows.iter().flat_map(|r| r.sides).flat_map(|s| s.texel).collect();
     sort(&mut read);
     let shade = shades(rows, &read, guide);
-    let own = parallel::map_light(read.len(), |i| own_in_shade(patches, read[i], shade[i]));
+    let surface = surfaces(patches);
+    let own = parallel::map_light(read.len(), |i| own_in_shade(patches, read[i], shade[i], &surface));
     let mut demands: Vec<Demand> = rows.iter().map(stitch).collect();
     weigh(&mut demands, rows, guide);
     let mut keep: Vec<(u32, f64)> = vec![];
@@ -434,14 +436,13 @@ fn shades(rows: &[Row], read: &[u32], guide: &Lightmap) -> Vec<f64> {
     own.into_iter().zip(most).map(|(own, most)| own / most).collect()
 }
 
-/// [`own`], which counts for more where a texel of a chart lies in the shade of brighter ones.
-fn own_in_shade(patches: &Patches, texel: u32, shade: f64) -> (f64, Option<Demand>) {
+/// [`own`], which counts for more where a texel of a chart lies in the shade of brighter ones; not if it is a speck of surface.
+fn own_in_shade(patches: &Patches, texel: u32, shade: f64, surface: &[f32]) -> (f64, Option<Demand>) {
     let (weight, demand) = own(patches, texel);
     let (page, x, y) = place(patches, texel);
-    if patches.front_at(page, x, y).is_none() || shade.is_nan() {
-        return (weight, demand);
-    }
+    let Some(front) = patches.front_at(page, x, y).filter(|_| !shade.is_nan()) else { return (weight, demand) };
     let times = (SHADOW / shade.max(f64::MIN_POSITIVE)).clamp(1.0, MOST_SHADOW).powi(2);
+    let times = 1.0 + (times - 1.0) * f64::from(surface[patches.chart(front) as usize]).powi(2);
     (weight * times, demand.map(|demand| Demand { weight: demand.weight * times, ..demand }))
 }
 

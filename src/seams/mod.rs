@@ -11,6 +11,11 @@
 //! use the same least squares for textures. Where we differ: seams between meshes count; no row where something stands
 //! on the seam or it lies inside a solid; light of cut texels lies where their surface is; no texel turns black.
 //!
+//! Charts smaller than a texel count by the square of their surface, and hold on to darkness by it: a button's are dark in the
+//! gap around it, and the outline of many is long. By its length alone, the top of a remote control under an even sky, a few
+//! texels large, had a quarter of its light (0.25 to 0.30 at 8 to 24 texels per metre, unstitched and finely 0.95), in
+//! proportion to the surface 0.39 to 0.65, so 0.93 to 0.95. Steps of fixtures stay as they are.
+//!
 //! Invariants (`tests/seams.rs`): constant light stays as it is; nothing changes away from seams; the same bits at any
 //! thread count.
 //!
@@ -204,7 +209,9 @@ fn rows(
             let texel = edge.texel().min(other.texel()) as f32;
             let on = own.normal.dot(there.normal) >= COS_FACING;
             if !same && on && joined(tracer, patches, [&inside, &there_inside], texel, along) {
-                out.push((own.position, Row { sides: [taps(&own), taps(&there)], length: asked.length }));
+                let surface = borders.surface(&edge).min(borders.surface(other));
+                let length = asked.length * surface * surface;
+                out.push((own.position, Row { sides: [taps(&own), taps(&there)], length }));
             }
         }
     }
