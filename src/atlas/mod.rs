@@ -197,7 +197,8 @@ pub fn existing_layouts(scene: &Scene, settings: &Settings) -> Vec<Option<String
     keep::layouts(scene, settings)
 }
 
-/// Charts the parts of a scene that receive light and packs the charts into pages.
+/// Charts the parts of a scene that receive light and packs the charts into pages. The tracer is that of the scene; it tells
+/// which charts smaller than a texel are about as open as others.
 ///
 /// Warnings: `density-lowered` (all charts, to fit `max_pages`), `chart-density-lowered` (a chart larger than a page),
 /// `uv-regenerated` (a `TEXCOORD_1` that is no usable lightmap layout), `mips-mixed` (charts of a kept one are too near to

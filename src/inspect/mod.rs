@@ -1,6 +1,7 @@
 //! What would be baked: parts with their area and texels, lights, materials, memory, time, and what was odd.
 //!
-//! In: a document and bake settings. Out: [`Facts`], as a table or as JSON. Loads and charts, but traces no ray.
+//! In: a document and bake settings. Out: [`Facts`], as a table or as JSON. Loads and charts, but looks for no
+//! light; rays only tell how open charts smaller than a texel are.
 //!
 //! What a bake ignores, and why, is in the warnings: extensions, parts, animations, each with its place.
 
