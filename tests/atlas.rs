@@ -7,7 +7,8 @@
 mod atlas_meshes;
 
 use atlas_meshes::{
-    Mesh, bad_meshes, cylinder, interior, laid_out, noise, one_box, rough, scene, sphere, terrain, torus,
+    Mesh, bad_meshes, cylinder, interior, laid_out, laid_out_with_needles, noise, one_box, rough, scene, sphere,
+    terrain, torus,
 };
 use glam::{DVec2, Vec2, Vec3};
 use std::sync::Arc;
@@ -426,19 +427,8 @@ fn a_usable_layout_is_kept() {
 
 #[test]
 fn needles_on_the_last_borders_of_a_layout_do_no_harm() {
-    let mut mesh = laid_out();
-    let needles: [[(f32, f32); 3]; 2] = [[(0.2, 0.5), (0.3, 0.5), (0.4, 0.5)], [(0.9, 0.2), (0.9, 0.3), (0.9, 0.4)]];
-    for needle in needles {
-        let first = mesh.positions.len() as u32;
-        for (k, (u, v)) in needle.into_iter().enumerate() {
-            mesh.positions.push(Vec3::new(k as f32 % 2.0, k as f32 / 2.0, 0.0) * 1e-5);
-            mesh.normals.push(Vec3::Z);
-            mesh.uv1.push(Vec2::new(u, v));
-        }
-        mesh.triangles.push([first, first + 1, first + 2]);
-    }
     // A hair less than whole texels: the borders are rounded to the ends of the last row and column.
-    let built = atlas::build(&Tracer::new(&scene(&[mesh])), &settings(9.999_99)).unwrap();
+    let built = atlas::build(&Tracer::new(&scene(&[laid_out_with_needles()])), &settings(9.999_99)).unwrap();
     assert!(built.warnings.is_empty() && built.output.parts[0].kept, "{:?}", built.warnings);
     assert_eq!((built.output.charts.len(), built.output.covered_texels), (3, 800));
 }

@@ -165,6 +165,22 @@ pub(crate) fn laid_out() -> Mesh {
     mesh
 }
 
+/// The same, with tiny triangles that collapse onto the lower and the right border of the layout.
+pub(crate) fn laid_out_with_needles() -> Mesh {
+    let mut mesh = laid_out();
+    let needles: [[(f32, f32); 3]; 2] = [[(0.2, 0.5), (0.3, 0.5), (0.4, 0.5)], [(0.9, 0.2), (0.9, 0.3), (0.9, 0.4)]];
+    for needle in needles {
+        let first = mesh.positions.len() as u32;
+        for (k, (u, v)) in needle.into_iter().enumerate() {
+            mesh.positions.push(Vec3::new(k as f32 % 2.0, k as f32 / 2.0, 0.0) * 1e-5);
+            mesh.normals.push(Vec3::Z);
+            mesh.uv1.push(Vec2::new(u, v));
+        }
+        mesh.triangles.push([first, first + 1, first + 2]);
+    }
+    mesh
+}
+
 /// Faults that real files have.
 pub(crate) fn bad_meshes() -> Vec<(&'static str, Mesh)> {
     let scales = {
