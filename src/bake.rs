@@ -29,7 +29,7 @@ use crate::output::{self, report};
 use crate::patches::{PatchGraph, Patches};
 use crate::scene::{self, Scene};
 use crate::seams::Seams;
-use crate::settings::{Preset, Quantity, Settings, Target};
+use crate::settings::{Preset, Quantity, Settings, Target, UvMode};
 use crate::trace::Tracer;
 use crate::vertices;
 use clock::Clock;
@@ -143,8 +143,8 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
         scene = clock.timed("contacts", |_| contacts::cut(scene, &contacts_settings(settings)))?;
     }
     let tracer = clock.timed("trace", |_| Tracer::new(&scene))?;
-    let flag = clock.progress.cancel_flag();
-    let charted = clock.timed("atlas", |_| atlas::build(&tracer, &atlas_settings(settings, flag)))??;
+    let how = atlas::Settings { cancel: Some(clock.progress.cancel_flag()), ..settings.atlas() };
+    let charted = clock.timed("atlas", |_| atlas::build(&tracer, &how))??;
     let atlas = charted.output;
     warnings.extend(charted.warnings);
     warnings.extend(scene.missing_materials());
@@ -229,22 +229,8 @@ fn admit(scene: &Scene, atlas: &Atlas, settings: &Settings) -> Result<(), Error>
 }
 
 fn contacts_settings(settings: &Settings) -> contacts::Settings {
-    let keep_uv = settings.atlas_uv() == atlas::Uv::Keep;
+    let keep_uv = settings.uv == UvMode::Keep;
     contacts::Settings { texels_per_meter: settings.texels_per_meter, keep_uv }
-}
-
-fn atlas_settings(settings: &Settings, cancel: Arc<std::sync::atomic::AtomicBool>) -> atlas::Settings {
-    atlas::Settings {
-        texels_per_meter: settings.texels_per_meter,
-        page_size: settings.page_size,
-        max_pages: settings.max_pages,
-        padding: settings.padding,
-        mips: settings.mips,
-        uv: settings.atlas_uv(),
-        share_texels: settings.shares_texels(),
-        time_limit: None,
-        cancel: Some(cancel),
-    }
 }
 
 impl Solution {

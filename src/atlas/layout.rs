@@ -5,8 +5,6 @@
 
 use super::Atlas;
 use super::NO_CHART;
-use super::connect;
-use glam::DVec2;
 use glam::Vec2;
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -24,35 +22,6 @@ pub struct Layout {
     pub triangles: Vec<[u32; 3]>,
     /// The chart of each triangle among those of the part, or [`NO_CHART`].
     pub chart: Vec<u32>,
-}
-
-impl Layout {
-    /// For each chart of the part, whether it is several pieces of surface in one texel, which has one value for all.
-    #[must_use]
-    pub fn shared_texels(&self) -> Vec<bool> {
-        let corners = |t: usize| self.triangles[t].map(|v| self.uv[v as usize].as_dvec2());
-        let charted = || self.chart.iter().enumerate().filter(|(_, chart)| **chart != NO_CHART);
-        let count = charted().map(|(_, chart)| *chart as usize + 1).max().unwrap_or(0);
-        let mut bounds = vec![(DVec2::INFINITY, DVec2::NEG_INFINITY); count];
-        for (t, &chart) in charted() {
-            let (low, high) = &mut bounds[chart as usize];
-            corners(t).iter().for_each(|p| (*low, *high) = (low.min(*p), high.max(*p)));
-        }
-        let mut small: Vec<(u32, usize)> = charted()
-            .filter(|(_, chart)| {
-                let (low, high) = bounds[**chart as usize];
-                (high - low.floor()).max_element() <= 1.0
-            })
-            .map(|(t, chart)| (*chart, t))
-            .collect();
-        small.sort_unstable();
-        let mut shared = vec![false; count];
-        for members in small.chunk_by(|a, b| a.0 == b.0) {
-            let flat: Vec<_> = members.iter().map(|(_, t)| corners(*t)).collect();
-            shared[members[0].0 as usize] = connect::components(&flat).iter().any(|c| *c > 0);
-        }
-        shared
-    }
 }
 
 /// A part with its place on the pages. Empty for a part that receives no light and shares its geometry.

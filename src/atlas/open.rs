@@ -23,7 +23,7 @@ use glam::Vec2;
 const RAYS: u32 = 32;
 
 /// Steps that are told apart.
-pub(super) const STEPS: u32 = 8;
+const STEPS: u32 = 8;
 
 /// The step in which a piece of one part lies, seen as far as `distance` [m]; 0 is closed in.
 pub(super) fn openness(tracer: &Tracer<'_>, piece: &Piece, distance: f32) -> u8 {

@@ -81,16 +81,7 @@ pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
     };
     let loaded = scene::load(input, &how)?;
     let scene = loaded.output;
-    let how = atlas::Settings {
-        texels_per_meter: settings.texels_per_meter,
-        page_size: settings.page_size,
-        max_pages: settings.max_pages,
-        padding: settings.padding,
-        mips: settings.mips,
-        uv: settings.atlas_uv(),
-        share_texels: settings.shares_texels(),
-        ..atlas::Settings::default()
-    };
+    let how = settings.atlas();
     let charted = atlas::build(&Tracer::new(&scene), &how)?;
     let atlas = charted.output;
     let memory = Estimate::new(&scene, &atlas, settings);

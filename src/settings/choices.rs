@@ -1,6 +1,6 @@
 //! Options that are a choice between names.
 
-use crate::atlas::Uv;
+use crate::atlas::{self, Uv};
 use serde::{Deserialize, Serialize};
 
 /// The named settings that ship with texelwalk.
@@ -88,20 +88,25 @@ pub enum UvMode {
 }
 
 impl super::Settings {
-    /// The atlas stage's word for `uv`.
+    /// What the atlas stage is asked for, without a limit of time.
     #[must_use]
-    pub fn atlas_uv(&self) -> Uv {
-        match self.uv {
-            UvMode::Auto => Uv::Auto,
-            UvMode::Keep => Uv::Keep,
-            UvMode::Generate => Uv::Generate,
+    pub fn atlas(&self) -> atlas::Settings {
+        atlas::Settings {
+            texels_per_meter: self.texels_per_meter,
+            page_size: self.page_size,
+            max_pages: self.max_pages,
+            padding: self.padding,
+            mips: self.mips,
+            uv: match self.uv {
+                UvMode::Auto => Uv::Auto,
+                UvMode::Keep => Uv::Keep,
+                UvMode::Generate => Uv::Generate,
+            },
+            // Vertices have a value each, whatever the texels.
+            share_texels: self.target == Target::Lightmap,
+            time_limit: None,
+            cancel: None,
         }
-    }
-
-    /// Charts smaller than a texel may share texels. Vertices have a value each, whatever the texels.
-    #[must_use]
-    pub fn shares_texels(&self) -> bool {
-        self.target == Target::Lightmap
     }
 }
 
