@@ -278,7 +278,7 @@ fn results(
     let stitched = |mut lightmap: Lightmap| {
         if let Some(stitcher) = &stitcher {
             stitcher.stitch(&mut lightmap, progress);
-            finish::refill(setup.patches, &mut lightmap, settings.mips, settings.padding);
+            finish::refill(setup.patches, &mut lightmap, settings.mips, settings.padding, stitcher.texels());
         }
         lightmap
     };

@@ -165,6 +165,39 @@ fn what_is_open_shares_nothing_with_what_is_covered() {
     assert_eq!(lone.charts.len(), 128);
 }
 
+/// A floor that goes on in a wall over a bevel of a hundredth of a millimetre, laid out side by side.
+fn beveled() -> Vec<u8> {
+    let profile = [[0.0, 0.0, 0.1], [1.0, 0.0, 0.5], [1.0 + 1e-5, 1e-5, 0.500_005], [1.0 + 1e-5, 1.0, 0.9]];
+    let corners = profile.iter().flat_map(|&[x, y, u]| [[x, y, 0.0, u, 0.9], [x, y, 1.0, u, 0.5]]);
+    let (mut positions, mut coordinates): (Vec<f32>, Vec<f32>) = (vec![], vec![]);
+    for [x, y, z, u, v] in corners {
+        positions.extend([x, y, z]);
+        coordinates.extend([u, v]);
+    }
+    let indices: Vec<u16> = [0u16, 2, 4].iter().flat_map(|k| [0, 1, 2, 2, 1, 3].map(|c| c + k)).collect();
+    let mut b = Builder::new();
+    let (position, uv) = (b.floats("VEC3", &positions), b.floats("VEC2", &coordinates));
+    let indices = b.accessor(5123, "SCALAR", indices.len(), &gltf_builder::words(&indices), json!({}));
+    b.push("materials", json!({"pbrMetallicRoughness": {"metallicFactor": 0}}));
+    let attributes = json!({"POSITION": position, "TEXCOORD_1": uv});
+    b.push("meshes", json!({"primitives": [{"attributes": attributes, "indices": indices, "material": 0}]}));
+    b.push("nodes", json!({"mesh": 0, "name": "bevel"}));
+    b.glb(&[])
+}
+
+#[test]
+fn what_hangs_together_over_a_bevel_of_no_width_is_one_chart() {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("bevel");
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(folder.join("bevel.glb"), beveled()).unwrap();
+    let said = run(&folder, &["bake", "bevel.glb", "-o", "out/", "--preset", "preview", "--sky", "1,1,1"]);
+    assert!(!said.contains("uv-regenerated"), "{said}");
+    run(&folder, &["check", "out/bevel.glb", "--json", "check.json"]);
+    let checked: Value = serde_json::from_slice(&std::fs::read(folder.join("check.json")).unwrap()).unwrap();
+    let padding = checked["measures"].as_array().unwrap().iter().find(|m| m["name"] == "padding").unwrap();
+    assert_eq!(padding["value"], 0.0, "{padding}");
+}
+
 /// Runs the program in a folder, and takes what it says.
 fn run(folder: &Path, arguments: &[&str]) -> String {
     let out = Command::new(env!("CARGO_BIN_EXE_texelwalk")).current_dir(folder).args(arguments).output().unwrap();

@@ -3,6 +3,9 @@
 //! In: triangles on their pages. Out: a chart for each. Triangles that hang together over edges whose ends agree both in
 //! the world and on the page are one, and so are those of a part that are smaller than a texel with what else lies in
 //! their texel, if that is near and faces the same way.
+//!
+//! Triangles without area on their page have no chart, but what hangs together over them is one: of a bevel a thousandth of
+//! a texel wide nothing is left there, and frames of pictures with such bevels would fall into hundreds of charts.
 
 use super::subject::{Flat, texel_area};
 use crate::atlas::NO_CHART;
@@ -49,8 +52,7 @@ pub(super) fn corners(scene: &Scene, flat: &[Option<Flat>]) -> Vec<u32> {
 
 /// Charts by triangle, numbered by first appearance; `corner` has the classes of the vertices.
 pub(super) fn charts(scene: &Scene, flat: &[Option<Flat>], corner: &[u32]) -> Vec<u32> {
-    let usable = |t: usize| flat[t].is_some_and(|f| f.inside && texel_area(&f.uv) > 0.0);
-    let members: Vec<usize> = (0..flat.len()).filter(|&t| usable(t)).collect();
+    let members: Vec<usize> = (0..flat.len()).filter(|&t| flat[t].is_some_and(|f| f.inside)).collect();
     let mut edges: Vec<(u32, u32, u32)> = Vec::with_capacity(3 * members.len());
     for (m, &t) in members.iter().enumerate() {
         let class = scene.triangle(t as u32).map(|v| corner[v as usize]);
@@ -68,8 +70,17 @@ pub(super) fn charts(scene: &Scene, flat: &[Option<Flat>], corner: &[u32]) -> Ve
     }
     join_specks(scene, flat, &members, &mut sets);
     let mut chart = vec![NO_CHART; flat.len()];
-    for (number, t) in sets.numbers().into_iter().zip(members) {
-        chart[t] = number;
+    let (mut number, mut count) = (vec![NO_CHART; members.len()], 0);
+    for (m, &t) in members.iter().enumerate() {
+        if flat[t].is_none_or(|f| texel_area(&f.uv) <= 0.0) {
+            continue;
+        }
+        let own = &mut number[sets.find(m)];
+        if *own == NO_CHART {
+            *own = count;
+            count += 1;
+        }
+        chart[t] = *own;
     }
     chart
 }
@@ -82,7 +93,8 @@ fn join_specks(scene: &Scene, flat: &[Option<Flat>], members: &[usize], sets: &m
     for (i, island) in islands.iter().enumerate() {
         let texel = island.low.floor();
         let triangle = members[island.member];
-        if let Some(f) = flat[triangle].filter(|_| (island.high - texel).max_element() <= 1.0) {
+        let is_small = island.areas[1] > 0.0 && (island.high - texel).max_element() <= 1.0;
+        if let Some(f) = flat[triangle].filter(|_| is_small) {
             let texel: IVec2 = texel.as_ivec2();
             small.push(([f.page, scene.part_index(triangle as u32) as u32], texel.to_array(), i));
         }

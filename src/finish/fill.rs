@@ -8,8 +8,9 @@
 //! the padding and [`BLOCK_RINGS`] more. What is left is far from all charts: it gets the mean of the page, so that
 //! smaller mip levels do not turn dark, and compresses to nothing.
 //!
-//! [`refill`] keeps the first ring, which bilinear look-ups read and which stitching of seams changes, and grows the
-//! others anew from it: blocks of compressed textures would spend their few bits on the steps between the two.
+//! [`refill`] keeps what stitching of seams has changed in the first ring, which bilinear look-ups read, and grows all
+//! else anew: blocks of compressed textures would spend their few bits on the steps between the two, and a texel in a
+//! corner of a chart that was black and is lit by its seams would keep a black rim on its other sides.
 //!
 //! Invariants: constant light stays constant; a chart's own cells hold nothing outside of the range of its texels, the
 //! first ring included; filling is linear in the light, so that parts of it still add up; the same bits on any run.
@@ -25,22 +26,15 @@ const BLOCK_RINGS: u32 = 3;
 /// Fills all pages of a lightmap, whose look-ups up to mip level `mips` read none but their own chart's light where the
 /// atlas leaves room for it.
 pub fn fill(patches: &Patches, lightmap: &mut Lightmap, mips: u32, padding: u32) {
-    each(patches, lightmap, mips, padding, Start::Covered);
+    each(patches, lightmap, mips, padding, &[]);
 }
 
-/// Fills what lies beyond the first texels around charts anew, from these.
-pub fn refill(patches: &Patches, lightmap: &mut Lightmap, mips: u32, padding: u32) {
-    each(patches, lightmap, mips, padding, Start::FirstRing);
+/// Fills what is neither covered nor `kept` anew: texels beside covered ones, (page · height + y) · width + x, ascending.
+pub fn refill(patches: &Patches, lightmap: &mut Lightmap, mips: u32, padding: u32, kept: &[u32]) {
+    each(patches, lightmap, mips, padding, kept);
 }
 
-/// What is there before filling.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Start {
-    Covered,
-    FirstRing,
-}
-
-fn each(patches: &Patches, lightmap: &mut Lightmap, mips: u32, padding: u32, start: Start) {
+fn each(patches: &Patches, lightmap: &mut Lightmap, mips: u32, padding: u32, kept: &[u32]) {
     let mut cells = Cells::new(mips, patches.page_size, lightmap.pages.len() as u32);
     for i in 0..patches.front {
         let (x, y) = patches.texel_xy(i);
@@ -49,7 +43,7 @@ fn each(patches: &Patches, lightmap: &mut Lightmap, mips: u32, padding: u32, sta
     let rings = padding.max(1) + BLOCK_RINGS;
     let filled = parallel::map(lightmap.pages.len(), |p| {
         let mut page = lightmap.pages[p].clone();
-        Filling::new(&mut page, &cells, p as u32).grow(rings, start);
+        Filling::new(&mut page, &cells, p as u32).grow(rings, kept);
         page
     });
     lightmap.pages = filled;
@@ -75,7 +69,9 @@ impl<'a> Filling<'a> {
         Self { page, number, cells, state }
     }
 
-    fn grow(&mut self, rings: u32, start: Start) {
+    fn grow(&mut self, rings: u32, kept: &[u32]) {
+        let before = self.number * self.state.len() as u32;
+        let is_kept = |i: u32| kept.binary_search(&(before + i)).is_ok();
         let mut front = Vec::new();
         for i in 0..self.state.len() {
             if self.state[i] == State::Filled {
@@ -84,10 +80,8 @@ impl<'a> Filling<'a> {
         }
         let mut ring = 1;
         while !front.is_empty() {
-            if ring > 1 || start == Start::Covered {
-                for &i in &front {
-                    self.page.pixels[i as usize] = self.mean_around(i as usize);
-                }
+            for &i in front.iter().filter(|&&i| ring > 1 || !is_kept(i)) {
+                self.page.pixels[i as usize] = self.mean_around(i as usize);
             }
             front.iter().for_each(|&i| self.state[i as usize] = State::Filled);
             let mut next = Vec::new();
@@ -164,7 +158,7 @@ mod tests {
     use super::*;
 
     /// Two charts of one row each, left of texel 8 and right of it.
-    fn filled(mips: u32, rings: u32, start: Start, edit: impl Fn(&mut Page)) -> Page {
+    fn filled(mips: u32, rings: u32, kept: &[u32], edit: impl Fn(&mut Page)) -> Page {
         let mut cells = Cells::new(mips, [32, 16], 1);
         let mut page = Page { width: 32, height: 16, pixels: vec![[9.0, 9.0, 9.0, 0.0]; 512] };
         for (x, chart, value) in (2..6).map(|x| (x, 0, 1.0)).chain((11..22).map(|x| (x, 1, 5.0))) {
@@ -172,7 +166,7 @@ mod tests {
             page.pixels[(7 * 32 + x) as usize] = [value, 2.0 * value, 0.0, 1.0];
         }
         edit(&mut page);
-        Filling::new(&mut page, &cells, 0).grow(rings, start);
+        Filling::new(&mut page, &cells, 0).grow(rings, kept);
         page
     }
 
@@ -183,7 +177,7 @@ mod tests {
     #[test]
     fn cells_hold_the_light_of_their_own_chart_alone() {
         // Cells of 4: the first chart reads columns 0 to 7, the second one 8 to 23, both rows 4 to 11.
-        let page = filled(2, 1, Start::Covered, |_| ());
+        let page = filled(2, 1, &[], |_| ());
         for y in 4..12 {
             assert!((0..8).all(|x| at(&page, x, y) == 1.0), "row {y}");
             assert!((8..24).all(|x| at(&page, x, y) == 5.0), "row {y}");
@@ -193,7 +187,7 @@ mod tests {
 
     #[test]
     fn nearest_texels_decide_where_nobody_reads_and_the_mean_beyond() {
-        let page = filled(0, 4, Start::Covered, |_| ());
+        let page = filled(0, 4, &[], |_| ());
         assert_eq!([at(&page, 6, 7), at(&page, 7, 7), at(&page, 9, 7), at(&page, 10, 7)], [1.0, 1.0, 5.0, 5.0]);
         assert_eq!([at(&page, 25, 7), at(&page, 25, 11)], [5.0, 5.0]);
         let mean = (4.0 + 55.0) / 15.0;
@@ -202,13 +196,15 @@ mod tests {
     }
 
     #[test]
-    fn refilling_keeps_the_first_ring_and_goes_on_from_it() {
-        let first = |page: &mut Page| page.pixels[6 * 32 + 3] = [3.0, 6.0, 0.0, 0.0];
-        let page = filled(2, 1, Start::FirstRing, |page| {
-            *page = filled(2, 1, Start::Covered, |_| ());
-            first(page);
-        });
-        assert_eq!((at(&page, 3, 6), at(&page, 2, 6)), (3.0, 1.0));
-        assert!(at(&page, 3, 5) > 1.0 && at(&page, 3, 5) < 3.0);
+    fn refilling_keeps_what_seams_changed_and_goes_on_from_it() {
+        let changed = |page: &mut Page| {
+            *page = filled(2, 1, &[], |_| ());
+            page.pixels[7 * 32 + 2] = [9.0, 18.0, 0.0, 1.0];
+            page.pixels[6 * 32 + 5] = [3.0, 6.0, 0.0, 0.0];
+        };
+        let page = filled(2, 1, &[6 * 32 + 5], changed);
+        assert_eq!((at(&page, 5, 6), at(&page, 4, 6)), (3.0, 1.0));
+        assert!(at(&page, 5, 5) > 1.0 && at(&page, 5, 5) < 3.0);
+        assert_eq!((at(&page, 1, 7), at(&page, 1, 6)), (9.0, 9.0), "beside a covered texel that changed");
     }
 }

@@ -298,6 +298,11 @@ impl Equations {
         self.around.of(i).map(|(d, factor)| (&self.demands[d], f64::from(factor)))
     }
 
+    /// Texels along seams, ascending.
+    pub(super) fn texels(&self) -> &[u32] {
+        &self.texels
+    }
+
     /// Texels along seams, with what they should hold.
     pub(super) fn solve(&self, lightmap: &Lightmap, progress: &Progress) -> Vec<(u32, Rgb)> {
         let held = self.held(lightmap);

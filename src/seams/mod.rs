@@ -88,20 +88,36 @@ pub struct Steps {
 }
 
 /// Makes both sides of seams agree.
-pub struct Stitcher(Vec<Equations>);
+pub struct Stitcher {
+    problems: Vec<Equations>,
+    /// Texels that change, (page · height + y) · width + x, ascending.
+    texels: Vec<u32>,
+}
 
 impl Stitcher {
+    fn new(problems: Vec<Equations>) -> Self {
+        let mut texels: Vec<u32> = problems.iter().flat_map(|problem| problem.texels()).copied().collect();
+        texels.sort_unstable();
+        Self { problems, texels }
+    }
+
+    /// Texels that change, covered or beside what is, (page · height + y) · width + x, ascending.
+    #[must_use]
+    pub fn texels(&self) -> &[u32] {
+        &self.texels
+    }
+
     /// Changes texels along the seams. The lightmap must have the size of the guide; cancelled, it is half done.
     pub fn stitch(&self, lightmap: &mut Lightmap, progress: &Progress) {
-        for (texel, light) in parallel::map(self.0.len(), |p| self.0[p].solve(lightmap, progress)).into_iter().flatten()
-        {
+        let parts = parallel::map(self.problems.len(), |p| self.problems[p].solve(lightmap, progress));
+        for (texel, light) in parts.into_iter().flatten() {
             equations::set(lightmap, texel, light);
         }
     }
 
     /// The same for values that may have either sign, as long as they change with the light.
     pub fn stitch_signed(&self, lightmap: &mut Lightmap) {
-        let parts = parallel::map(self.0.len(), |p| self.0[p].solve_signed(lightmap));
+        let parts = parallel::map(self.problems.len(), |p| self.problems[p].solve_signed(lightmap));
         for (texel, value) in parts.into_iter().flatten() {
             equations::set(lightmap, texel, value);
         }
@@ -136,7 +152,7 @@ impl Seams {
             return None;
         }
         let floor = floor(&self.values(guide));
-        Some(Stitcher(equations::problems(&self.rows, patches, guide, floor, progress)))
+        Some(Stitcher::new(equations::problems(&self.rows, patches, guide, floor, progress)))
     }
 
     /// What the two sides of each row read.
