@@ -6,6 +6,7 @@
 use super::Error;
 use super::Settings;
 use super::align::Piece;
+use super::apart::sharing;
 use super::cells::Cells;
 use super::choose::choose;
 use super::choose::padded_area;
@@ -340,25 +341,4 @@ fn unite_sharing(mut piece: Piece, shape: &Shape, bits: u32) -> Piece {
     }
     piece.parts = parts;
     piece
-}
-
-/// Sets of the piece's charts that share texels.
-pub(super) fn sharing(piece: &Piece, shape: &Shape, bits: u32) -> Sets {
-    let mut sets = Sets::new(piece.parts.len());
-    let Footprint { width, height, .. } = shape.footprint;
-    let mut owner = vec![u32::MAX; width as usize * height as usize];
-    for (face, grid) in piece.faces.iter().zip(&shape.grid) {
-        touched(*grid, bits, |y, from, to| {
-            // A needle may lie on the last border.
-            let row = if y < height { from..to.min(width) } else { 0..0 };
-            for x in row {
-                let texel = &mut owner[y as usize * width as usize + x as usize];
-                if *texel != u32::MAX && *texel != face.chart {
-                    sets.join(*texel as usize, face.chart as usize);
-                }
-                *texel = face.chart;
-            }
-        });
-    }
-    sets
 }

@@ -6,14 +6,17 @@
 //! Usable means: finite, inside [0, 1]², no place covered twice, all triangles of one orientation but for [`OUTLIERS`] of
 //! the area, no visible triangle collapsed, and for all but [`OUTLIERS`] of the area a density within a factor
 //! [`MAX_STRETCH`] of the mean in every direction. With [`Uv::Auto`], charts must also not share texels at the wanted
-//! density, unless as those made here do (`specks`); those that do become one chart.
+//! density, unless as those made here do (`specks`); those that do become one chart. And for all but [`OUTLIERS`] of the
+//! area, look-ups in one must not read another, unless no padding is asked for: layouts that were packed for a larger page
+//! would bleed.
 
 use super::Error;
 use super::Settings;
 use super::Uv;
 use super::align::Face;
 use super::align::Piece;
-use super::arrange::sharing;
+use super::apart::mixed;
+use super::apart::sharing;
 use super::connect;
 use super::guard::Guard;
 use super::overlap;
@@ -237,6 +240,27 @@ fn check_texels(piece: &Piece, worlds: &[[DVec3; 3]], factor: f64, settings: &Se
     let bits = fraction_bits(settings.page_size);
     let shape = shape(piece, density, bits);
     let sets = sharing(piece, &shape, bits).numbers();
+    check_shared(piece, &sets, worlds, density, factor)?;
+    if settings.padding > 0 { check_mixed(piece, &mixed(piece, &shape, bits, &sets), density) } else { Ok(()) }
+}
+
+/// All but [`OUTLIERS`] of the area must lie in charts that are not `mixed`.
+fn check_mixed(piece: &Piece, mixed: &[bool], density: f64) -> Result<(), String> {
+    let (mut all, mut bad) = (0.0, 0.0);
+    for (face, corners) in piece.faces.iter().zip(&piece.corners) {
+        let area = super::flatten::twice_area(*corners).abs();
+        all += area;
+        bad += if mixed[face.chart as usize] { area } else { 0.0 };
+    }
+    if bad > OUTLIERS * all {
+        let count = mixed.iter().filter(|mixed| **mixed).count();
+        return Err(format!("look-ups in {count} of its charts read others at {density:.3} texels/m"));
+    }
+    Ok(())
+}
+
+/// Charts of one of these sets, which share texels, must belong together.
+fn check_shared(piece: &Piece, sets: &[u32], worlds: &[[DVec3; 3]], density: f64, factor: f64) -> Result<(), String> {
     let apart = sets.iter().map(|n| n + 1).max().unwrap_or(0) as usize;
     if apart == piece.parts.len() {
         return Ok(());

@@ -21,6 +21,7 @@
 
 mod align;
 mod alike;
+mod apart;
 mod arrange;
 mod assemble;
 pub mod cells;
