@@ -25,7 +25,6 @@ use super::shape::shape;
 use super::shape::touched;
 use super::specks;
 use super::specks::Small;
-use crate::base::Sets;
 use crate::base::Warning;
 use crate::base::parallel;
 use crate::scene::Scene;
