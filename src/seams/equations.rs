@@ -413,6 +413,23 @@ pub(super) fn set(lightmap: &mut Lightmap, texel: u32, light: Rgb) {
     lightmap.pages[page].pixels[pixel][..3].copy_from_slice(&light.to_array());
 }
 
+/// The least that a texel beside charts may hold, if that is more than it does: a part of the darkest texel of theirs around it.
+/// Where a black texel was lit by its seams, what was filled from it may have stayed black on the other sides.
+pub(super) fn rim(lightmap: &Lightmap, texel: u32) -> Option<Rgb> {
+    let (page, pixel) = split(lightmap, texel);
+    let page = &lightmap.pages[page];
+    let (x, y) = (pixel as u32 % page.width, pixel as u32 / page.width);
+    if page.pixels[pixel][3] > 0.0 {
+        return None;
+    }
+    let rows = y.saturating_sub(1)..=(y + 1).min(page.height - 1);
+    let columns = x.saturating_sub(1)..=(x + 1).min(page.width - 1);
+    let around = rows.flat_map(|y| columns.clone().map(move |x| (y * page.width + x) as usize));
+    let covered = around.map(|i| page.pixels[i]).filter(|p| p[3] > 0.0).map(|[r, g, b, _]| Rgb::new(r, g, b));
+    let (own, least) = (light(lightmap, texel), covered.reduce(Rgb::min)? * LEAST as f32);
+    least.cmpgt(own).any().then(|| own.max(least))
+}
+
 fn sort(texels: &mut Vec<u32>) {
     texels.sort_unstable();
     texels.dedup();

@@ -113,6 +113,10 @@ impl Stitcher {
         for (texel, light) in parts.into_iter().flatten() {
             equations::set(lightmap, texel, light);
         }
+        let rims = parallel::map_light(self.texels.len(), |i| equations::rim(lightmap, self.texels[i]));
+        for (texel, light) in self.texels.iter().zip(rims).filter_map(|(texel, light)| Some((*texel, light?))) {
+            equations::set(lightmap, texel, light);
+        }
     }
 
     /// The same for values that may have either sign, as long as they change with the light.
@@ -246,4 +250,24 @@ fn joined(tracer: &Tracer<'_>, patches: &Patches, [a, b]: [&Place; 2], texel: f3
     open && free(low, Vec3::ZERO)
         && free(high, Vec3::ZERO)
         && along.is_none_or(|along| free(high, along) && free(high, -along))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::finish::Page;
+
+    #[test]
+    fn rims_hold_a_part_of_what_they_lie_beside() {
+        // Four texels in a row: lit and covered, beside it, beside that, far away.
+        let page = |beside: f32| Page {
+            width: 4,
+            height: 1,
+            pixels: vec![[1.0, 2.0, 0.0, 1.0], [beside, beside, beside, 0.0], [0.0; 4], [0.0; 4]],
+        };
+        let rim = |beside: f32, texel: u32| equations::rim(&Lightmap { pages: vec![page(beside)] }, texel);
+        assert_eq!(rim(0.0, 1), Some(Rgb::new(0.25, 0.5, 0.0)));
+        assert_eq!(rim(0.3, 1), Some(Rgb::new(0.3, 0.5, 0.3)));
+        assert_eq!([rim(0.6, 1), rim(0.0, 0), rim(0.0, 2), rim(0.0, 3)], [None; 4]);
+    }
 }
