@@ -1,6 +1,6 @@
 //! Whether charts of a layout that somebody else made are apart: whether they share texels, or look-ups in one read another.
 //!
-//! In: a piece and its shape. Out: sets of charts that share texels; pairs of which one reads the other.
+//! In: a piece and its shape. Out: sets of charts that share texels; the charts in which look-ups read others.
 //!
 //! A bilinear look-up at p reads the texels ⌊p − ½⌋ and the next, along each axis: those that the triangle touches if it is
 //! moved by half a texel back, and half a texel on.
