@@ -29,11 +29,15 @@ pub fn fill(patches: &Patches, lightmap: &mut Lightmap, mips: u32, padding: u32)
     each(patches, lightmap, mips, padding, &[]);
 }
 
-/// Fills what is neither covered nor `kept` anew: texels beside covered ones, (page · height + y) · width + x, ascending.
+/// Fills what is neither covered nor `kept` anew: texels beside covered ones, (page · height + y) · width + x. Those that
+/// [`fill_hidden`](super::fill_hidden) has filled are kept, too: a mean of their neighbours would carry light through walls.
 pub fn refill(patches: &Patches, lightmap: &mut Lightmap, mips: u32, padding: u32, kept: &[u32]) {
-    each(patches, lightmap, mips, padding, kept);
+    let mut kept: Vec<u32> = kept.iter().copied().chain(patches.unlit_texels()).collect();
+    kept.sort_unstable();
+    each(patches, lightmap, mips, padding, &kept);
 }
 
+/// `kept` ascending.
 fn each(patches: &Patches, lightmap: &mut Lightmap, mips: u32, padding: u32, kept: &[u32]) {
     let mut cells = Cells::new(mips, patches.page_size, lightmap.pages.len() as u32);
     for i in 0..patches.front {

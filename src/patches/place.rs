@@ -8,7 +8,7 @@
 //! all power, and indirect light was 0.5 % too low.
 
 use super::cells::MASK_GRID;
-use super::readers::around;
+use super::readers::{Unlit, around};
 use super::surface::Map;
 use super::{NO_PATCH, Patches, SurfacePoint};
 use crate::atlas::raster::{self, Polygon};
@@ -139,6 +139,13 @@ impl Patches {
     #[must_use]
     pub fn page(&self, front: usize) -> u32 {
         self.texel[front] / (self.page_size[0] * self.page_size[1])
+    }
+
+    /// Numbers of the texels that show no surface of their own from the side that reads them, in no order:
+    /// (page · height + y) · width + x.
+    pub fn unlit_texels(&self) -> impl Iterator<Item = u32> + '_ {
+        let [width, height] = self.page_size;
+        self.unlit.iter().map(move |Unlit { texel: [page, x, y], .. }| (page * height + y) * width + x)
     }
 
     /// The tile that a front patch's texel belongs to, along the Z-order curves of all pages, and its place there, below
