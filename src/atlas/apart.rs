@@ -14,15 +14,35 @@ use crate::base::Sets;
 /// No chart.
 const NONE: u32 = u32::MAX;
 
-/// Texels of a shape with the last chart that touches each.
-struct Owners {
+/// What lies on the texels of a shape.
+pub(super) struct Touched {
     width: u32,
     height: u32,
+    /// The last chart that touches each texel.
     chart: Vec<u32>,
+    /// Charts that share texels.
+    pub(super) sets: Sets,
 }
 
-impl Owners {
-    /// The place in `chart` of every texel of a row's range that lies on the shape; a needle may lie on the last border.
+impl Touched {
+    pub(super) fn new(piece: &Piece, shape: &Shape, bits: u32) -> Self {
+        let Footprint { width, height, .. } = shape.footprint;
+        let (chart, sets) = (vec![NONE; width as usize * height as usize], Sets::new(piece.parts.len()));
+        let mut all = Self { width, height, chart, sets };
+        for (face, grid) in piece.faces.iter().zip(&shape.grid) {
+            touched(*grid, bits, |y, from, to| {
+                for i in all.texels(y, from, to) {
+                    let before = core::mem::replace(&mut all.chart[i], face.chart);
+                    if before != NONE && before != face.chart {
+                        all.sets.join(before as usize, face.chart as usize);
+                    }
+                }
+            });
+        }
+        all
+    }
+
+    /// The places in `chart` of a row's range, as far as it lies on the shape; a needle may lie on the last border.
     fn texels(&self, y: u32, from: u32, to: u32) -> core::ops::Range<usize> {
         if y >= self.height {
             return 0..0;
@@ -31,52 +51,23 @@ impl Owners {
         row + from as usize..row + to.min(self.width).max(from) as usize
     }
 
-    /// Tells of all pairs of charts that share a texel, some often.
-    fn new(piece: &Piece, shape: &Shape, bits: u32, mut shared: impl FnMut(u32, u32)) -> Self {
-        let Footprint { width, height, .. } = shape.footprint;
-        let mut owners = Self { width, height, chart: vec![NONE; width as usize * height as usize] };
+    /// Whether look-ups in a chart read texels of others, those of the same set left out, by chart, as `set` is.
+    pub(super) fn mixed(&self, piece: &Piece, shape: &Shape, bits: u32, set: &[u32]) -> Vec<bool> {
+        let half = 1 << (bits - 1);
+        let mut mixed = vec![false; set.len()];
         for (face, grid) in piece.faces.iter().zip(&shape.grid) {
-            touched(*grid, bits, |y, from, to| {
-                for i in owners.texels(y, from, to) {
-                    let owner = &mut owners.chart[i];
-                    if *owner != NONE && *owner != face.chart {
-                        shared(*owner, face.chart);
-                    }
-                    *owner = face.chart;
-                }
+            let foreign = |i: usize| {
+                let owner = self.chart[i];
+                owner != NONE && set[owner as usize] != set[face.chart as usize]
+            };
+            // Moved on by half a texel, so that nothing is negative: cell i reads the texels i − 1 and i.
+            touched(grid.map(|p| p.map(|x| x + half)), bits, |y, from, to| {
+                let mut rows = y.saturating_sub(1)..=y;
+                mixed[face.chart as usize] |= rows.any(|y| self.texels(y, from.saturating_sub(1), to).any(foreign));
             });
         }
-        owners
+        mixed
     }
-}
-
-/// Sets of the piece's charts that share texels.
-pub(super) fn sharing(piece: &Piece, shape: &Shape, bits: u32) -> Sets {
-    let mut sets = Sets::new(piece.parts.len());
-    Owners::new(piece, shape, bits, |a, b| sets.join(a as usize, b as usize));
-    sets
-}
-
-/// Whether look-ups in a chart read texels of others, those of the same set left out, by chart, as `set` is.
-pub(super) fn mixed(piece: &Piece, shape: &Shape, bits: u32, set: &[u32]) -> Vec<bool> {
-    let owners = Owners::new(piece, shape, bits, |_, _| ());
-    let half = 1 << (bits - 1);
-    let mut mixed = vec![false; piece.parts.len()];
-    for (face, grid) in piece.faces.iter().zip(&shape.grid) {
-        // Moved on by half a texel, so that nothing is negative: cell i reads the texels i − 1 and i.
-        touched(grid.map(|p| p.map(|x| x + half)), bits, |y, from, to| {
-            for y in y.saturating_sub(1)..=y {
-                let foreign = |i: usize| {
-                    let owner = owners.chart[i];
-                    owner != NONE && set[owner as usize] != set[face.chart as usize]
-                };
-                if owners.texels(y, from.saturating_sub(1), to).any(foreign) {
-                    mixed[face.chart as usize] = true;
-                }
-            }
-        });
-    }
-    mixed
 }
 
 #[cfg(test)]
@@ -103,8 +94,9 @@ mod tests {
         let parts = vec![0; squares.len()];
         let piece = Piece { owners: [vec![0]].into(), parts, faces, corners, kept: true };
         let shape = shape(&piece, 1.0, BITS);
-        let set = sharing(&piece, &shape, BITS).numbers();
-        mixed(&piece, &shape, BITS, &set).into_iter().filter(|mixed| *mixed).count()
+        let mut touched = Touched::new(&piece, &shape, BITS);
+        let set = touched.sets.numbers();
+        touched.mixed(&piece, &shape, BITS, &set).into_iter().filter(|mixed| *mixed).count()
     }
 
     /// Two squares in a frame of 32 texels, so that nothing moves, `gap` texels apart from column 10.25 on.

@@ -6,7 +6,7 @@
 use super::Error;
 use super::Settings;
 use super::align::Piece;
-use super::apart::sharing;
+use super::apart::Touched;
 use super::cells::Cells;
 use super::choose::choose;
 use super::choose::padded_area;
@@ -328,8 +328,7 @@ fn unite_sharing(mut piece: Piece, shape: &Shape, bits: u32) -> Piece {
     if !piece.kept {
         return piece;
     }
-    let sets = &mut sharing(&piece, shape, bits);
-    let number = sets.numbers();
+    let number = Touched::new(&piece, shape, bits).sets.numbers();
     let count = number.iter().map(|n| n + 1).max().unwrap_or(0) as usize;
     let mut parts = vec![u32::MAX; count];
     for (chart, n) in number.iter().enumerate() {

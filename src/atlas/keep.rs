@@ -15,8 +15,7 @@ use super::Settings;
 use super::Uv;
 use super::align::Face;
 use super::align::Piece;
-use super::apart::mixed;
-use super::apart::sharing;
+use super::apart::Touched;
 use super::connect;
 use super::guard::Guard;
 use super::overlap;
@@ -239,9 +238,13 @@ fn check_texels(piece: &Piece, worlds: &[[DVec3; 3]], factor: f64, settings: &Se
     let density = f64::from(settings.texels_per_meter).min(f64::from(settings.page_size) / (high - low).max_element());
     let bits = fraction_bits(settings.page_size);
     let shape = shape(piece, density, bits);
-    let sets = sharing(piece, &shape, bits).numbers();
+    let mut touched = Touched::new(piece, &shape, bits);
+    let sets = touched.sets.numbers();
     check_shared(piece, &sets, worlds, density, factor)?;
-    if settings.padding > 0 { check_mixed(piece, &mixed(piece, &shape, bits, &sets), density) } else { Ok(()) }
+    if settings.padding == 0 {
+        return Ok(());
+    }
+    check_mixed(piece, &touched.mixed(piece, &shape, bits, &sets), density)
 }
 
 /// All but [`OUTLIERS`] of the area must lie in charts that are not `mixed`.

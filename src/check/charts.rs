@@ -52,7 +52,11 @@ pub(super) fn corners(scene: &Scene, flat: &[Option<Flat>]) -> Vec<u32> {
 
 /// Charts by triangle, numbered by first appearance; `corner` has the classes of the vertices.
 pub(super) fn charts(scene: &Scene, flat: &[Option<Flat>], corner: &[u32]) -> Vec<u32> {
-    let members: Vec<usize> = (0..flat.len()).filter(|&t| flat[t].is_some_and(|f| f.inside)).collect();
+    let inside = (0..flat.len()).filter(|&t| flat[t].is_some_and(|f| f.inside));
+    let (mut members, vanishing): (Vec<usize>, Vec<usize>) =
+        inside.partition(|&t| flat[t].is_some_and(|f| texel_area(&f.uv) > 0.0));
+    let charted = members.len();
+    members.extend(vanishing);
     let mut edges: Vec<(u32, u32, u32)> = Vec::with_capacity(3 * members.len());
     for (m, &t) in members.iter().enumerate() {
         let class = scene.triangle(t as u32).map(|v| corner[v as usize]);
@@ -70,17 +74,9 @@ pub(super) fn charts(scene: &Scene, flat: &[Option<Flat>], corner: &[u32]) -> Ve
     }
     join_specks(scene, flat, &members, &mut sets);
     let mut chart = vec![NO_CHART; flat.len()];
-    let (mut number, mut count) = (vec![NO_CHART; members.len()], 0);
-    for (m, &t) in members.iter().enumerate() {
-        if flat[t].is_none_or(|f| texel_area(&f.uv) <= 0.0) {
-            continue;
-        }
-        let own = &mut number[sets.find(m)];
-        if *own == NO_CHART {
-            *own = count;
-            count += 1;
-        }
-        chart[t] = *own;
+    // What vanishes comes last, so that numbers of charts have no gaps.
+    for (number, t) in sets.numbers().into_iter().zip(members).take(charted) {
+        chart[t] = number;
     }
     chart
 }
