@@ -332,7 +332,7 @@ fn stored(quantity: Quantity) -> f32 {
 fn on_pages(setup: &solve::Setup<'_>, pages: u32, values: &[Rgb], factor: f32) -> Lightmap {
     let mut lightmap = finish::assemble(setup.patches, pages, values, factor);
     finish::fill(setup.patches, &mut lightmap, setup.settings.mips, setup.settings.padding);
-    finish::fill_hidden(setup.patches, &mut lightmap);
+    finish::fill_hidden(setup.patches, &mut lightmap, &[]);
     lightmap
 }
 

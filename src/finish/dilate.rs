@@ -16,8 +16,7 @@ const FILLED: u8 = 2;
 
 /// Fills `radius` rings of uncovered texels around the covered ones of `page`; farther ones become zero.
 pub fn dilate(page: &mut Page, radius: u32) {
-    let (width, height) = (page.width as usize, page.height as usize);
-    if page.pixels.len() != width * height || page.pixels.is_empty() {
+    if page.pixels.len() != page.width as usize * page.height as usize || page.pixels.is_empty() {
         return;
     }
     let mut state = vec![EMPTY; page.pixels.len()];
@@ -31,7 +30,7 @@ pub fn dilate(page: &mut Page, radius: u32) {
     let mut front: Vec<u32> = Vec::new();
     for i in 0..state.len() {
         if state[i] == FILLED {
-            for_neighbours(i, width, height, |j| queue(j, &mut state, &mut front));
+            page.around(i).for_each(|j| queue(j, &mut state, &mut front));
         }
     }
     for _ in 0..radius {
@@ -39,14 +38,14 @@ pub fn dilate(page: &mut Page, radius: u32) {
             break;
         }
         for &i in &front {
-            page.pixels[i as usize] = mean_of_filled(&page.pixels, &state, i as usize, width, height);
+            page.pixels[i as usize] = mean_of_filled(page, &state, i as usize);
         }
         let mut next = Vec::new();
         for &i in &front {
             state[i as usize] = FILLED;
         }
         for &i in &front {
-            for_neighbours(i as usize, width, height, |j| queue(j, &mut state, &mut next));
+            page.around(i as usize).for_each(|j| queue(j, &mut state, &mut next));
         }
         front = next;
     }
@@ -59,29 +58,14 @@ fn queue(i: usize, state: &mut [u8], front: &mut Vec<u32>) {
     }
 }
 
-fn mean_of_filled(pixels: &[[f32; 4]], state: &[u8], i: usize, width: usize, height: usize) -> [f32; 4] {
+fn mean_of_filled(page: &Page, state: &[u8], i: usize) -> [f32; 4] {
     let (mut sum, mut count) = ([0.0f64; 3], 0.0f64);
-    for_neighbours(i, width, height, |j| {
-        if state[j] == FILLED {
-            for (sum, value) in sum.iter_mut().zip(pixels[j]) {
-                *sum += f64::from(value);
-            }
-            count += 1.0;
-        }
-    });
+    for j in page.around(i).filter(|&j| state[j] == FILLED) {
+        sum.iter_mut().zip(page.pixels[j]).for_each(|(sum, value)| *sum += f64::from(value));
+        count += 1.0;
+    }
     let mean = sum.map(|s| (s / count.max(1.0)) as f32);
     [mean[0], mean[1], mean[2], 0.0]
-}
-
-fn for_neighbours(i: usize, width: usize, height: usize, mut f: impl FnMut(usize)) {
-    let (x, y) = (i % width, i / width);
-    for ny in y.saturating_sub(1)..=(y + 1).min(height - 1) {
-        for nx in x.saturating_sub(1)..=(x + 1).min(width - 1) {
-            if (nx, ny) != (x, y) {
-                f(ny * width + nx);
-            }
-        }
-    }
 }
 
 #[cfg(test)]

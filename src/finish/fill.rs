@@ -15,7 +15,7 @@
 //! Invariants: constant light stays constant; a chart's own cells hold nothing outside of the range of its texels, the
 //! first ring included; filling is linear in the light, so that parts of it still add up; the same bits on any run.
 
-use super::{Lightmap, Page};
+use super::{Lightmap, Page, fill_hidden};
 use crate::atlas::cells::{Cells, NOBODY, SEVERAL};
 use crate::base::parallel;
 use crate::patches::Patches;
@@ -29,10 +29,12 @@ pub fn fill(patches: &Patches, lightmap: &mut Lightmap, mips: u32, padding: u32)
     each(patches, lightmap, mips, padding, &[]);
 }
 
-/// Fills what is neither covered nor `kept` anew: texels beside covered ones, (page · height + y) · width + x. Those that
-/// [`fill_hidden`](super::fill_hidden) has filled are kept, too: a mean of their neighbours would carry light through walls.
+/// Fills anew what is not `kept` (numbers of texels, ascending) and not covered, or hidden. Texels between the two sides of a
+/// wall take light from those who read them ([`fill_hidden`]) alone: a mean of their neighbours would carry it through.
 pub fn refill(patches: &Patches, lightmap: &mut Lightmap, mips: u32, padding: u32, kept: &[u32]) {
-    let mut kept: Vec<u32> = kept.iter().copied().chain(patches.unlit_texels()).collect();
+    fill_hidden(patches, lightmap, kept);
+    let unlit = patches.unlit.iter().map(|unlit| patches.texel_number(unlit.texel));
+    let mut kept: Vec<u32> = kept.iter().copied().chain(unlit).collect();
     kept.sort_unstable();
     each(patches, lightmap, mips, padding, &kept);
 }
@@ -104,7 +106,7 @@ impl<'a> Filling<'a> {
     /// Queues the empty texels around one that may take its light; `anywhere` also those that are nobody's.
     fn queue_around(&mut self, i: usize, anywhere: bool, front: &mut Vec<u32>) {
         let from = self.owner(i);
-        for j in self.around(i) {
+        for j in self.page.around(i) {
             let to = self.owner(j);
             let reaches = anywhere || (to != NOBODY && to != SEVERAL);
             if self.state[j] == State::Empty && reaches && may_take(to, from) {
@@ -117,7 +119,7 @@ impl<'a> Filling<'a> {
     fn mean_around(&self, i: usize) -> [f32; 4] {
         let to = self.owner(i);
         let (mut sum, mut count) = ([0.0f64; 3], 0.0f64);
-        for j in self.around(i) {
+        for j in self.page.around(i) {
             if self.state[j] == State::Filled && may_take(to, self.owner(j)) {
                 sum.iter_mut().zip(self.page.pixels[j]).for_each(|(sum, value)| *sum += f64::from(value));
                 count += 1.0;
@@ -140,15 +142,6 @@ impl<'a> Filling<'a> {
     fn owner(&self, i: usize) -> u32 {
         let width = self.page.width as usize;
         self.cells.owner(self.number, [(i % width) as u32, (i / width) as u32])
-    }
-
-    /// The up to eight texels around one.
-    fn around(&self, i: usize) -> impl Iterator<Item = usize> + use<> {
-        let (width, height) = (self.page.width as usize, self.page.height as usize);
-        let (x, y) = (i % width, i / width);
-        let rows = y.saturating_sub(1)..=(y + 1).min(height - 1);
-        let columns = x.saturating_sub(1)..=(x + 1).min(width - 1);
-        rows.flat_map(move |y| columns.clone().map(move |x| y * width + x)).filter(move |j| *j != i)
     }
 }
 

@@ -16,12 +16,15 @@ use super::Lightmap;
 use crate::base::{Rgb, parallel};
 use crate::patches::{Patches, Unlit, around};
 
-/// Gives hidden texels the light of those who read them.
-pub fn fill_hidden(patches: &Patches, lightmap: &mut Lightmap) {
+/// Gives hidden texels the light of those who read them, but for those that are `kept`: numbers, ascending.
+pub fn fill_hidden(patches: &Patches, lightmap: &mut Lightmap, kept: &[u32]) {
     let width = patches.page_size[0];
     let before = &*lightmap;
     let filled = parallel::map(patches.unlit.len(), |k| {
         let Unlit { texel: [page, x, y], weights } = patches.unlit[k];
+        if kept.binary_search(&patches.texel_number([page, x, y])).is_ok() {
+            return None;
+        }
         let (mut sum, mut total) = (Rgb::ZERO, 0.0);
         for (weight, (dx, dy)) in weights.into_iter().zip(around()).filter(|(weight, _)| *weight > 0.0) {
             let at = y.saturating_add_signed(dy) * width + x.saturating_add_signed(dx);

@@ -27,6 +27,17 @@ pub struct Page {
     pub pixels: Vec<[f32; 4]>,
 }
 
+impl Page {
+    /// The up to eight pixels around one.
+    pub(crate) fn around(&self, pixel: usize) -> impl Iterator<Item = usize> + use<> {
+        let (width, height) = (self.width as usize, self.height as usize);
+        let (x, y) = (pixel % width, pixel / width);
+        let rows = y.saturating_sub(1)..=(y + 1).min(height - 1);
+        let columns = x.saturating_sub(1)..=(x + 1).min(width - 1);
+        rows.flat_map(move |y| columns.clone().map(move |x| y * width + x)).filter(move |near| *near != pixel)
+    }
+}
+
 /// The stored light of a scene, by page of its atlas.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Lightmap {

@@ -8,7 +8,7 @@
 //! all power, and indirect light was 0.5 % too low.
 
 use super::cells::MASK_GRID;
-use super::readers::{Unlit, around};
+use super::readers::around;
 use super::surface::Map;
 use super::{NO_PATCH, Patches, SurfacePoint};
 use crate::atlas::raster::{self, Polygon};
@@ -141,11 +141,11 @@ impl Patches {
         self.texel[front] / (self.page_size[0] * self.page_size[1])
     }
 
-    /// Numbers of the texels that show no surface of their own from the side that reads them, in no order:
-    /// (page · height + y) · width + x.
-    pub fn unlit_texels(&self) -> impl Iterator<Item = u32> + '_ {
+    /// Number of a texel by page, column and row: (page · height + y) · width + x.
+    #[must_use]
+    pub fn texel_number(&self, [page, x, y]: [u32; 3]) -> u32 {
         let [width, height] = self.page_size;
-        self.unlit.iter().map(move |Unlit { texel: [page, x, y], .. }| (page * height + y) * width + x)
+        (page * height + y) * width + x
     }
 
     /// The tile that a front patch's texel belongs to, along the Z-order curves of all pages, and its place there, below

@@ -71,7 +71,8 @@ const DARK: f64 = 0.2;
 const SHADOW: f64 = 0.03;
 const REACH: usize = 4;
 const MOST_SHADOW: f64 = 15.0;
-/// The least that a texel may hold, as part of what it held: none turns black where light falls off steeply.
+/// The least that a texel may hold, as part of what it held: none turns black where light falls off steeply. Beside charts also
+/// as part of the darkest covered one around it ([`rim`]).
 const LEAST: f64 = 0.25;
 /// The same for a texel of a wide chart, as part of the darkest of the chart's texels around it, if that is more. Where the edge
 /// of a shadow crosses a seam, the lattices of the two sides agree best with dark texels beside the bright ones: dashes at
@@ -404,18 +405,16 @@ pub(super) fn set(lightmap: &mut Lightmap, texel: u32, light: Rgb) {
 }
 
 /// The least that a texel beside charts may hold, if that is more than it does: a part of the darkest texel of theirs around it.
-/// Where a black texel was lit by its seams, what was filled from it may have stayed black on the other sides.
+/// Where a black texel was lit by its seams, what was filled from it may have stayed black on the other sides. Nothing comes
+/// through walls by it: whoever reads a texel lies in one around it, and the darkest of those decides.
 pub(super) fn rim(lightmap: &Lightmap, texel: u32) -> Option<Rgb> {
     let (page, pixel) = split(lightmap, texel);
     let page = &lightmap.pages[page];
-    let (x, y) = (pixel as u32 % page.width, pixel as u32 / page.width);
     if page.pixels[pixel][3] > 0.0 {
         return None;
     }
-    let rows = y.saturating_sub(1)..=(y + 1).min(page.height - 1);
-    let columns = x.saturating_sub(1)..=(x + 1).min(page.width - 1);
-    let around = rows.flat_map(|y| columns.clone().map(move |x| (y * page.width + x) as usize));
-    let covered = around.map(|i| page.pixels[i]).filter(|p| p[3] > 0.0).map(|[r, g, b, _]| Rgb::new(r, g, b));
+    let covered = page.around(pixel).map(|i| page.pixels[i]).filter(|p| p[3] > 0.0);
+    let covered = covered.map(|[r, g, b, _]| Rgb::new(r, g, b));
     let (own, least) = (light(lightmap, texel), covered.reduce(Rgb::min)? * LEAST as f32);
     least.cmpgt(own).any().then(|| own.max(least))
 }

@@ -92,18 +92,13 @@ pub struct Stitcher {
     problems: Vec<Equations>,
     /// Texels that change, (page · height + y) · width + x, ascending.
     texels: Vec<u32>,
-    /// Those that may not stay black beside lit ones: not those between the two sides of a wall.
-    rims: Vec<u32>,
 }
 
 impl Stitcher {
-    fn new(problems: Vec<Equations>, patches: &Patches) -> Self {
+    fn new(problems: Vec<Equations>) -> Self {
         let mut texels: Vec<u32> = problems.iter().flat_map(|problem| problem.texels()).copied().collect();
         texels.sort_unstable();
-        let mut unlit: Vec<u32> = patches.unlit_texels().collect();
-        unlit.sort_unstable();
-        let rims = texels.iter().copied().filter(|texel| unlit.binary_search(texel).is_err()).collect();
-        Self { problems, texels, rims }
+        Self { problems, texels }
     }
 
     /// Texels that change, covered or beside what is, (page · height + y) · width + x, ascending.
@@ -118,8 +113,8 @@ impl Stitcher {
         for (texel, light) in parts.into_iter().flatten() {
             equations::set(lightmap, texel, light);
         }
-        let rims = parallel::map_light(self.rims.len(), |i| equations::rim(lightmap, self.rims[i]));
-        for (texel, light) in self.rims.iter().zip(rims).filter_map(|(texel, light)| Some((*texel, light?))) {
+        let rims = parallel::map_light(self.texels.len(), |i| equations::rim(lightmap, self.texels[i]));
+        for (texel, light) in self.texels.iter().zip(rims).filter_map(|(texel, light)| Some((*texel, light?))) {
             equations::set(lightmap, texel, light);
         }
     }
@@ -161,7 +156,7 @@ impl Seams {
             return None;
         }
         let floor = floor(&self.values(guide));
-        Some(Stitcher::new(equations::problems(&self.rows, patches, guide, floor, progress), patches))
+        Some(Stitcher::new(equations::problems(&self.rows, patches, guide, floor, progress)))
     }
 
     /// What the two sides of each row read.
