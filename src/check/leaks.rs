@@ -9,8 +9,7 @@
 //! *Leak*: (look-up − seen) over the largest texel, where what is seen is darker than [`DARK`] of it. *Dark strip*:
 //! (seen − look-up) over what is seen, where that is lit.
 //!
-//! A value counts if texels side by side reach it over a length of [`runs::RUN`]. What nobody gets to see does not count: a
-//! place in a slit, or behind books.
+//! A value counts if texels side by side reach it over a length of [`runs::RUN`], and in sight (`sight`).
 //!
 //! Limits: at a point that sees none of its texels nothing can be said; of double-sided surfaces the front is looked at.
 
@@ -18,9 +17,8 @@ use super::measure::{Kind, Measure, Tally};
 use super::runs;
 use super::subject::{FLOOR, Subject};
 use crate::base::low_discrepancy::Sequence;
-use crate::base::{Rgb, parallel, warp};
+use crate::base::{Rgb, parallel};
 use crate::patches::{HEIGHTS, PatchSurface, Spot, SurfacePoint};
-use crate::trace::Ray;
 use glam::{Vec2, Vec3};
 
 /// Points per texel, and in all.
@@ -42,12 +40,6 @@ const ALIKE: f32 = 0.99;
 
 /// Least weight of what is seen: below it, it is rounding.
 const LEAST_WEIGHT: f32 = 1e-3;
-
-/// A point is hidden if of so many rays by cosine fewer than so many go so far [texels]: one in 16, as at the bottom of a
-/// slit that is eight times as deep as wide.
-const LOOKS: u32 = 64;
-const LEAST_OPEN: usize = 4;
-const FAR: f32 = 2.0;
 
 /// The worst point of a texel by each measure.
 type Worst = [(f64, SurfacePoint); 2];
@@ -102,7 +94,7 @@ fn texel(subject: &Subject<'_>, i: usize, points: u32, limits: [f64; 2]) -> Opti
         let [x, y, ..] = sequence.point(k);
         let spot = surface.sample(Vec2::new(x, y));
         let Some(found) = look(subject, i, &surface, &spot) else { continue };
-        if found.iter().zip(limits).any(|(value, limit)| *value > limit) && is_hidden(subject, i, &surface, &spot) {
+        if found.iter().zip(limits).any(|(value, limit)| *value > limit) && subject.is_hidden(spot.point) {
             continue;
         }
         for (worst, value) in worst.iter_mut().zip(found) {
@@ -163,18 +155,6 @@ fn look(subject: &Subject<'_>, i: usize, surface: &PatchSurface<'_>, spot: &Spot
     let lit = seen.max_element() > LIT * subject.mean;
     let strip = if lit { (seen.max_element() - all.max_element()) / seen.max_element() } else { 0.0 };
     Some([f64::from(leak.max(0.0)), f64::from(strip.max(0.0))])
-}
-
-/// Nobody gets to see the point: surfaces closer than [`FAR`] cover the view.
-fn is_hidden(subject: &Subject<'_>, i: usize, surface: &PatchSurface<'_>, spot: &Spot) -> bool {
-    let reach = FAR * subject.patches.texel_edge(i);
-    let (frame, sequence) = (surface.frame(spot), Sequence::new(i as u64));
-    let open = |k: &u32| {
-        let [u, v, ..] = sequence.point(MOST_POINTS as u32 + k);
-        let direction = frame.to_world(warp::square_to_cosine_hemisphere(Vec2::new(u, v)));
-        !subject.tracer.occluded(&Ray { origin: surface.origin(spot, direction), direction, t_max: reach })
-    };
-    (0..LOOKS).filter(open).count() < LEAST_OPEN
 }
 
 /// The surface of texel `j` can be seen from a point of texel `i`, and all of it is on one side of what stands there.

@@ -141,6 +141,9 @@ pub(super) fn measure(subject: &Subject<'_>) -> Measure {
         let mut tallies: Vec<Tally> = (0..=count).map(|_| Tally::default()).collect();
         for k in range {
             let i = border[k] as usize;
+            if subject.is_hidden(subject.middle(i)) {
+                continue;
+            }
             let level = |k: usize| bleeding(subject, &owners[patches.page(i) as usize], i, k as u32 + 1);
             let levels: Vec<f64> = (0..count).map(level).collect();
             let worst = levels[..judged].iter().copied().fold(0.0, f64::max);

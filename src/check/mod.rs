@@ -7,7 +7,8 @@
 //! references (`MOZ_lightmap`, `extras.lightmap`). Every measure ([`Kind`]) has a value, a limit, and the places where it
 //! is worst: `uv` looks at the coordinates, `padding` at what bilinear look-ups at borders read, `mips` at what small mip
 //! levels do, `seams` at borders across which light should go on, `leaks` at walls, `texels` at single values, `density`
-//! at size and shape, `page` at the files. `subject` prepares what they share, `treatment` knows what rules were baked by.
+//! at size and shape, `page` at the files. `subject` prepares what they share, `sight` knows what nobody gets to see,
+//! `treatment` what rules were baked by.
 //!
 //! Invariant: the same report at any thread count. Memory and time in proportion to texels and triangles.
 //!
@@ -23,6 +24,7 @@ mod page;
 pub mod pictures;
 mod runs;
 mod seams;
+mod sight;
 mod subject;
 mod table;
 mod texels;

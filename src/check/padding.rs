@@ -106,7 +106,9 @@ pub(super) fn uncovered(subject: &Subject<'_>) -> Measure {
     let tallies = parallel::map_chunks(patches.front, CHUNK, |range| {
         let mut tally = Tally::default();
         for i in range {
-            tally.look(black_weight(subject, i), LEAST_WEIGHT, || subject.middle(i));
+            let weight = black_weight(subject, i);
+            let counts = weight <= LEAST_WEIGHT || !subject.is_hidden(subject.middle(i));
+            tally.look(if counts { weight } else { 0.0 }, LEAST_WEIGHT, || subject.middle(i));
         }
         tally
     });

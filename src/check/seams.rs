@@ -2,13 +2,13 @@
 //!
 //! Two triangles of opposite sense that share an edge in space, and whose shading normals agree at both of its ends, get
 //! the same light along it. Where their lightmap coordinates differ there, the two look-ups should still agree. They are
-//! compared at points along the edge that are in the open on both sides and see each other, so a wall that stands on the
-//! seam takes it out.
+//! compared at points along the edge that are in sight, in the open on both sides, and see each other, so a wall that
+//! stands on the seam takes it out.
 //!
 //! Limits: only whole edges are matched, not a long one with several short ones beside it.
 
 use super::measure::{Kind, Measure, Tally};
-use super::subject::{Subject, texel_area};
+use super::subject::Subject;
 use crate::atlas::NO_CHART;
 use crate::base::parallel;
 use crate::patches::{HEIGHTS, SurfacePoint};
@@ -172,13 +172,14 @@ fn walk(subject: &Subject<'_>, seam: &Seam, limit: f64, tally: &mut Tally) {
     let corners = scene.corners(ta);
     let (from, to) = (corners[ka as usize], corners[(ka as usize + 1) % 3]);
     let length = from.distance(to);
-    let edge = texel_edge(subject, ta).min(texel_edge(subject, tb));
+    let edge = subject.texel_edge(ta).min(subject.texel_edge(tb));
     let count = ((PER_TEXEL * length / edge).ceil() as usize).clamp(LEAST, MOST);
     for s in 0..count {
         let along = (s as f32 + 0.5) / count as f32;
         let a = SurfacePoint { triangle: ta, b: on_edge(ka, along) };
         let b = SurfacePoint { triangle: tb, b: on_edge(kb, 1.0 - along) };
-        if !is_open(subject, a) || !is_open(subject, b) || !see_each_other(subject, [a, b], to - from, edge) {
+        let counts = is_open(subject, a) && is_open(subject, b) && see_each_other(subject, [a, b], to - from, edge);
+        if !counts || subject.is_hidden(a) {
             continue;
         }
         // In the unit of the pages; two pages may have different ones.
@@ -189,12 +190,6 @@ fn walk(subject: &Subject<'_>, seam: &Seam, limit: f64, tally: &mut Tally) {
         tally.look(step, limit, || a);
         tally.weigh(step as f32, length / count as f32);
     }
-}
-
-/// Edge of a triangle's texels [m].
-fn texel_edge(subject: &Subject<'_>, triangle: u32) -> f32 {
-    let texels = subject.flat[triangle as usize].map_or(1.0, |f| texel_area(&f.uv));
-    (subject.area[triangle as usize] / texels.max(1e-12)).sqrt() as f32
 }
 
 /// The point is not inside another solid.

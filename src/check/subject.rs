@@ -129,6 +129,12 @@ impl<'a> Subject<'a> {
         if scale > 0.0 { f64::from((a - b).abs().max_element() / scale) } else { 0.0 }
     }
 
+    /// Edge of a triangle's texels [m].
+    pub(super) fn texel_edge(&self, triangle: u32) -> f32 {
+        let texels = self.flat[triangle as usize].map_or(1.0, |f| texel_area(&f.uv));
+        (self.area[triangle as usize] / texels.max(1e-12)).sqrt() as f32
+    }
+
     /// A texel of a patch lies in one chart alone.
     pub(super) fn is_pure(&self, front: usize) -> bool {
         let chart = self.patches.chart(front);

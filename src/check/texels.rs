@@ -102,12 +102,14 @@ pub(super) fn firefly(subject: &Subject<'_>, seams: &[Seam]) -> Measure {
     count(subject, Kind::Firefly, f64::from(FIREFLY), value)
 }
 
-/// Counts texels whose value is above `limit`.
+/// Counts texels in sight whose value is above `limit`.
 fn count(subject: &Subject<'_>, kind: Kind, limit: f64, value: impl Fn(usize) -> f64 + Sync) -> Measure {
     let tallies = parallel::map_chunks(subject.patches.front, CHUNK, |range| {
         let mut tally = Tally::default();
         for i in range {
-            tally.look(value(i), limit, || subject.middle(i));
+            let value = value(i);
+            let counts = value <= limit || !subject.is_hidden(subject.middle(i));
+            tally.look(if counts { value } else { 0.0 }, limit, || subject.middle(i));
         }
         tally
     });

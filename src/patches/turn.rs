@@ -20,9 +20,9 @@ const TEXELS: usize = 64;
 /// Rays from each.
 const RAYS: u32 = 4;
 /// A pocket is narrower than this, half way between a wardrobe and a closet [m] …
-pub(super) const NARROW: f32 = 0.5;
+pub const NARROW: f32 = 0.5;
 /// … and than this in texels, whatever the scene's unit.
-pub(super) const NARROW_TEXELS: f32 = 16.0;
+pub const NARROW_TEXELS: f32 = 16.0;
 /// In a gap most rays rise no higher above the surface than this [m]: the insides of walls of half a metre are gaps …
 const NEAR: f32 = 0.55;
 /// … nor than this in texels.
