@@ -4,6 +4,8 @@
 
 #[path = "support/baked.rs"]
 mod baked;
+#[path = "support/quads.rs"]
+mod quads;
 
 use baked::{Baked, Chart};
 use std::fs;
@@ -313,6 +315,18 @@ fn what_nobody_gets_to_see_is_no_fault() {
         report(&planted.write(folder.path()), &Settings::default()).measure(Kind::Firefly).unwrap().count
     };
     assert_eq!([0.02, 0.1, 0.2, 2.5].map(found), [0, 0, 1, 1]);
+}
+
+#[test]
+fn sheets_that_lie_on_each_other_have_no_seam() {
+    let points = |places: &[f32]| {
+        let floor = |x: &f32| quads::Quad::new([*x, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], quads::grey(0.5));
+        let scene = quads::Scene { quads: places.iter().map(floor).collect(), lights: vec![] };
+        let baked = scene.bake(&["--preset", "preview", "--sky", "1", "--texels-per-meter", "8"]);
+        report(&baked.path("out.gltf"), &Settings::default()).measure(Kind::SeamStep).unwrap().of
+    };
+    assert_eq!(points(&[0.0, 0.0]), 0);
+    assert!(points(&[0.0, 1.0]) >= 56 && points(&[0.0, 0.0, 1.0]) >= 56);
 }
 
 #[test]

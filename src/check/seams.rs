@@ -128,34 +128,56 @@ pub(super) fn find(subject: &Subject<'_>) -> Vec<Seam> {
     edges.par_sort_unstable();
     let mut seams = vec![];
     for fan in edges.chunk_by(|a, b| a.0 == b.0).filter(|fan| (2..=CROWD).contains(&fan.len())) {
-        for (i, a) in fan.iter().enumerate() {
-            for b in &fan[i + 1..] {
-                let pair = [(a.1, a.2), (b.1, b.2)];
-                if is_seam(subject, &place, pair) {
-                    seams.push(pair);
-                }
-            }
+        let sides: Vec<Side> = fan.iter().map(|&(_, t, k)| Side::new(subject, &place, t, k)).collect();
+        let ends: Vec<&Side> = sides.iter().filter(|a| !sides.iter().any(|b| a.goes_on_in(b))).collect();
+        for (i, a) in ends.iter().enumerate() {
+            seams.extend(ends[i + 1..].iter().filter(|b| a.is_seam(b, subject)).map(|b| [a.edge, b.edge]));
         }
     }
     seams
 }
 
-fn is_seam(subject: &Subject<'_>, place: &[u32], [(ta, ka), (tb, kb)]: Seam) -> bool {
-    let scene = subject.scene;
-    let ends = |t: u32, k: u32| [k, (k + 1) % 3].map(|c| scene.triangle(t)[c as usize] as usize);
-    let (a, mut b) = (ends(ta, ka), ends(tb, kb));
-    b.reverse();
-    let opposed = place[a[0]] == place[b[0]];
-    let joined = (0..2).all(|k| subject.corner[a[k]] == subject.corner[b[k]]);
-    if !opposed || joined {
-        return false;
+/// A triangle at an edge.
+struct Side {
+    /// The triangle and the number of the edge in it.
+    edge: (u32, u32),
+    /// Vertices at the ends, in the order of the triangle.
+    vertices: [usize; 2],
+    /// Their places in space, and their classes by place in space and on the page.
+    places: [u32; 2],
+    corners: [u32; 2],
+}
+
+impl Side {
+    fn new(subject: &Subject<'_>, place: &[u32], t: u32, k: u32) -> Self {
+        let vertices = [k, (k + 1) % 3].map(|c| subject.scene.triangle(t)[c as usize] as usize);
+        Self {
+            edge: (t, k),
+            vertices,
+            places: vertices.map(|v| place[v]),
+            corners: vertices.map(|v| subject.corner[v]),
+        }
     }
-    let (na, nb) = (scene.geometric_normal(ta), scene.geometric_normal(tb));
-    let shading = |t: u32, vertex: usize| {
-        let corner = scene.triangle(t).iter().position(|v| *v as usize == vertex).unwrap_or(0);
-        scene.shading_normal(t, [Vec2::ZERO, Vec2::X, Vec2::Y][corner])
-    };
-    na.dot(nb) > CORNER && (0..2).all(|k| shading(ta, a[k]).dot(shading(tb, b[k])) > SAME_NORMAL)
+
+    /// The chart goes on beyond the edge, in that triangle: of two sheets that lie on each other, none ends there.
+    fn goes_on_in(&self, other: &Self) -> bool {
+        let [a, b] = other.corners;
+        self.corners == [b, a]
+    }
+
+    /// The surface goes on in that triangle.
+    fn is_seam(&self, other: &Self, subject: &Subject<'_>) -> bool {
+        let scene = subject.scene;
+        let shading = |side: &Self, end: usize| {
+            let (t, vertex) = (side.edge.0, side.vertices[end]);
+            let corner = scene.triangle(t).iter().position(|v| *v as usize == vertex).unwrap_or(0);
+            scene.shading_normal(t, [Vec2::ZERO, Vec2::X, Vec2::Y][corner])
+        };
+        let [a, b] = other.places;
+        self.places == [b, a]
+            && scene.geometric_normal(self.edge.0).dot(scene.geometric_normal(other.edge.0)) > CORNER
+            && (0..2).all(|end| shading(self, end).dot(shading(other, 1 - end)) > SAME_NORMAL)
+    }
 }
 
 /// Barycentric weights of the point at `along` on edge `k` of a triangle.

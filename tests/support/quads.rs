@@ -173,7 +173,8 @@ fn bake(home: tempfile::TempDir, input: &Path, options: &[&str]) -> Baked {
 }
 
 impl Baked {
-    fn path(&self, name: &str) -> PathBuf {
+    /// Where a file of the bake is.
+    pub(crate) fn path(&self, name: &str) -> PathBuf {
         self.home.path().join("baked").join(name)
     }
 
