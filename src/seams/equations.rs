@@ -29,6 +29,8 @@
 //! Tried: no texel above twice the brightest that its rows look at, for where a dark chart ends a tenth of a texel into its last
 //! texels these hold six times what the brightest surface has. Steps of the lumpy body grew from 1.9 to 2.7 %, 32 texels per
 //! metre; with 1.5 times, those of courtyard from 0.7 to 2.2 %.
+//! By weights instead, so that texels above twice the brightest of their rows hold on more to what they held, nothing changes:
+//! solved without the least, they are not that bright.
 //!
 //! Seams are lines, so the matrix has a sparse factor (`base::cholesky`): equations are solved exactly.
 
