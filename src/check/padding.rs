@@ -6,6 +6,7 @@
 
 use super::measure::{Kind, Measure, Tally};
 use super::subject::{FLOOR, Subject, rgb, world_of};
+use super::texels;
 use crate::atlas::raster::Polygon;
 use crate::base::parallel;
 use glam::{DVec2, IVec2};
@@ -102,19 +103,7 @@ fn continues(subject: &Subject<'_>, i: usize, own: u32, other: u32, at: DVec2, w
 
 /// Texels of charts whose look-ups read zeros around them.
 pub(super) fn uncovered(subject: &Subject<'_>) -> Measure {
-    let patches = &subject.patches;
-    let tallies = parallel::map_chunks(patches.front, CHUNK, |range| {
-        let mut tally = Tally::default();
-        for i in range {
-            let weight = black_weight(subject, i);
-            let counts = weight <= LEAST_WEIGHT || !subject.is_hidden(subject.middle(i));
-            tally.look(if counts { weight } else { 0.0 }, LEAST_WEIGHT, || subject.middle(i));
-        }
-        tally
-    });
-    let tally = Tally::join(tallies);
-    let value = tally.count as f64;
-    tally.measure(subject, Kind::Uncovered, value)
+    texels::count(subject, Kind::Uncovered, LEAST_WEIGHT, |i| black_weight(subject, i))
 }
 
 /// Largest weight of an unfilled texel in look-ups of a lit one.

@@ -141,9 +141,7 @@ pub(super) fn find(subject: &Subject<'_>) -> Vec<Seam> {
 struct Side {
     /// The triangle and the number of the edge in it.
     edge: (u32, u32),
-    /// Vertices at the ends, in the order of the triangle.
-    vertices: [usize; 2],
-    /// Their places in space, and their classes by place in space and on the page.
+    /// Of its ends, in the order of the triangle: places in space, and classes by place in space and on the page.
     places: [u32; 2],
     corners: [u32; 2],
 }
@@ -151,12 +149,7 @@ struct Side {
 impl Side {
     fn new(subject: &Subject<'_>, place: &[u32], t: u32, k: u32) -> Self {
         let vertices = [k, (k + 1) % 3].map(|c| subject.scene.triangle(t)[c as usize] as usize);
-        Self {
-            edge: (t, k),
-            vertices,
-            places: vertices.map(|v| place[v]),
-            corners: vertices.map(|v| subject.corner[v]),
-        }
+        Self { edge: (t, k), places: vertices.map(|v| place[v]), corners: vertices.map(|v| subject.corner[v]) }
     }
 
     /// The chart goes on beyond the edge, in that triangle: of two sheets that lie on each other, none ends there.
@@ -168,10 +161,8 @@ impl Side {
     /// The surface goes on in that triangle.
     fn is_seam(&self, other: &Self, subject: &Subject<'_>) -> bool {
         let scene = subject.scene;
-        let shading = |side: &Self, end: usize| {
-            let (t, vertex) = (side.edge.0, side.vertices[end]);
-            let corner = scene.triangle(t).iter().position(|v| *v as usize == vertex).unwrap_or(0);
-            scene.shading_normal(t, [Vec2::ZERO, Vec2::X, Vec2::Y][corner])
+        let shading = |&Self { edge: (t, k), .. }: &Self, end: usize| {
+            scene.shading_normal(t, [Vec2::ZERO, Vec2::X, Vec2::Y][(k as usize + end) % 3])
         };
         let [a, b] = other.places;
         self.places == [b, a]

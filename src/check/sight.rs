@@ -9,7 +9,7 @@
 use super::subject::Subject;
 use crate::base::low_discrepancy::Sequence;
 use crate::base::{Frame, warp};
-use crate::patches::{NARROW, NARROW_TEXELS, SurfacePoint};
+use crate::patches::{SurfacePoint, narrow};
 use crate::trace::{Ground, Ray};
 use glam::{Vec2, Vec3};
 
@@ -28,8 +28,7 @@ impl Subject<'_> {
         let two_sided = self.scene.material(point.triangle).is_two_sided();
         let ground = Ground::new(self.scene.corners(point.triangle));
         let (low, high) = self.tracer.bounds();
-        let narrow = NARROW.min(NARROW_TEXELS * self.texel_edge(point.triangle));
-        let reach = narrow.min(OF_SCENE * low.distance(high));
+        let reach = narrow(self.texel_edge(point.triangle)).min(OF_SCENE * low.distance(high));
         let hidden = |normal: Vec3| {
             let (frame, sequence) = (Frame::from_normal(normal), Sequence::new(u64::from(point.triangle)));
             let is_open = |k: &u32| {

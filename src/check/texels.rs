@@ -103,7 +103,7 @@ pub(super) fn firefly(subject: &Subject<'_>, seams: &[Seam]) -> Measure {
 }
 
 /// Counts texels in sight whose value is above `limit`.
-fn count(subject: &Subject<'_>, kind: Kind, limit: f64, value: impl Fn(usize) -> f64 + Sync) -> Measure {
+pub(super) fn count(subject: &Subject<'_>, kind: Kind, limit: f64, value: impl Fn(usize) -> f64 + Sync) -> Measure {
     let tallies = parallel::map_chunks(subject.patches.front, CHUNK, |range| {
         let mut tally = Tally::default();
         for i in range {

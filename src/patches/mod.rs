@@ -41,7 +41,7 @@ pub use readers::{Unlit, around};
 pub use sight::Sight;
 pub use surface::{PatchSurface, Spot};
 pub use tilt::{Shine, Tilt, Tilts};
-pub use turn::{Before, NARROW, NARROW_TEXELS};
+pub use turn::{Before, narrow};
 
 use crate::atlas::Atlas;
 use crate::base::{Progress, Rgb, parallel};

@@ -81,7 +81,7 @@ impl Patches {
         if x < 0 || y < 0 || x >= width as i32 || y >= height as i32 {
             return None;
         }
-        let id = self.grid[((page * height + y as u32) * width + x as u32) as usize];
+        let id = self.grid[self.texel_number([page, x as u32, y as u32]) as usize];
         (id != NO_PATCH).then_some(id)
     }
 

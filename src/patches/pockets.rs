@@ -16,7 +16,7 @@
 
 use super::cells::{MASK_GRID, cell_index};
 use super::exposed::{LEAST_EXPOSED, LOW};
-use super::turn::{NARROW, NARROW_TEXELS};
+use super::turn::narrow;
 use super::{PatchGraph, Patches, readers};
 use crate::base::random::Stage;
 use crate::base::{Frame, Progress, Sets, Stream, parallel, warp};
@@ -138,7 +138,7 @@ impl Patches {
         {
             return false;
         }
-        let limit = NARROW.min(NARROW_TEXELS * self.texel_edge(patch));
+        let limit = narrow(self.texel_edge(patch));
         let (mut triangle, mut b, mut front) = (point.triangle, point.b, !self.is_behind(patch));
         let (mut wide, mut way) = (false, 0);
         for _ in 0..SEGMENTS {

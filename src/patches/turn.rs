@@ -20,9 +20,9 @@ const TEXELS: usize = 64;
 /// Rays from each.
 const RAYS: u32 = 4;
 /// A pocket is narrower than this, half way between a wardrobe and a closet [m] …
-pub const NARROW: f32 = 0.5;
+const NARROW: f32 = 0.5;
 /// … and than this in texels, whatever the scene's unit.
-pub const NARROW_TEXELS: f32 = 16.0;
+const NARROW_TEXELS: f32 = 16.0;
 /// In a gap most rays rise no higher above the surface than this [m]: the insides of walls of half a metre are gaps …
 const NEAR: f32 = 0.55;
 /// … nor than this in texels.
@@ -53,6 +53,12 @@ pub enum Before {
     Slit,
     /// Hardly anything, while there is a room behind.
     Void,
+}
+
+/// How wide a pocket may be for texels of this edge [m].
+#[must_use]
+pub fn narrow(texel_edge: f32) -> f32 {
+    NARROW.min(NARROW_TEXELS * texel_edge)
 }
 
 impl Patches {
