@@ -14,15 +14,11 @@
 //! Limits: neighbours' noise counts as independent.
 
 use super::cells::{self, Cells};
-use super::network::Network;
+use super::windows::Windows;
 use crate::base::parallel;
 use crate::patches::Patches;
 use glam::Vec3;
 
-/// Steps that what texels show flows: a window of 3.5 texels.
-pub(super) const STEPS: usize = 30;
-/// Texels that such a window averages over, on a plane: 4π times the variance of the flow.
-const WINDOW: f32 = 151.0;
 /// Squared difference that is chance, in variances.
 const CHANCE: f32 = 4.0;
 /// Texels of a chart from which on its own noise counts for more than the cell's.
@@ -30,29 +26,25 @@ const FEW: f32 = 16.0;
 
 /// Judges levels of flow.
 pub(super) struct Judge<'a> {
-    network: &'a Network,
+    windows: &'a Windows,
     cells: Cells,
-    /// Texels that the window of each patch averages over.
-    windows: Vec<f32>,
 }
 
 impl<'a> Judge<'a> {
-    /// For the patches of a network.
-    pub(super) fn new(patches: &Patches, network: &'a Network) -> Self {
-        let windows: Vec<f32> = network.sizes().into_iter().map(|n| (n as f32).min(WINDOW)).collect();
-        Self { network, cells: Cells::new(patches, windows.len(), cells::WIDE), windows }
+    /// For the first `n` patches.
+    pub(super) fn new(patches: &Patches, n: usize, windows: &'a Windows) -> Self {
+        Self { windows, cells: Cells::new(patches, n, cells::WIDE) }
     }
 
     /// Squared error to be expected of each patch, by the squared bias and the noise that each shows.
     pub(super) fn errors(&self, found: &[(f32, f32)]) -> Vec<f32> {
-        let moments = parallel::map_light(found.len(), |i| {
+        let moments = |i: usize| {
             let (bias, noise) = found[i];
             Vec3::new(bias, bias * bias, noise)
-        });
-        let cells = self.cells.means(|i| moments[i]);
-        let around = self.network.flow(moments, STEPS);
+        };
+        let (cells, windows) = (self.cells.means(moments), self.windows.means(moments));
         parallel::map_light(found.len(), |i| {
-            let (cell, around, n) = (cells[self.cells.of(i)], around[i], self.windows[i]);
+            let (cell, around, n) = (cells[self.cells.of(i)], windows[self.windows.block(i)], self.windows.size(i));
             shrunk(cell.x, around, n) + cell.z + (around.z - cell.z) * (n / (n + FEW))
         })
     }

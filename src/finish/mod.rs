@@ -8,6 +8,7 @@ mod hidden;
 mod judge;
 mod network;
 mod share;
+mod windows;
 
 pub use assemble::assemble;
 pub use dilate::dilate;

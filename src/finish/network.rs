@@ -95,7 +95,7 @@ impl Network {
     }
 
     /// From rows, chunk by chunk.
-    fn from_chunks(chunks: Vec<Rows>) -> Self {
+    pub(super) fn from_chunks(chunks: Vec<Rows>) -> Self {
         let (mut first, mut links) = (vec![0u32], vec![]);
         for (own, ends) in chunks {
             let before = links.len() as u32;
@@ -124,27 +124,70 @@ impl Network {
         })
     }
 
-    /// How many patches hang together with each, itself among them.
-    pub(super) fn sizes(&self) -> Vec<u32> {
-        let mut sizes = vec![0; self.first.len() - 1];
+    /// Number of patches.
+    pub(super) fn len(&self) -> usize {
+        self.first.len() - 1
+    }
+
+    /// The network of `n` blocks of patches, by the block of each patch, their areas, and the patches of each block: what
+    /// flows between blocks goes as far as it does here, in a quarter of the steps.
+    pub(super) fn merged<'a>(
+        &self,
+        block: &[u32],
+        areas: &[f32],
+        n: usize,
+        members: impl Fn(usize) -> &'a [u32] + Sync,
+    ) -> Self {
+        let area = |b: usize| members(b).iter().map(|&i| areas[i as usize]).fold(0.0, |a, b| a + b);
+        let conductances = |b: usize, row: &mut Vec<(u32, f32)>| {
+            for &i in members(b) {
+                for &(j, rate) in self.row(i as usize) {
+                    let (other, g) = (block[j as usize], rate * areas[i as usize]);
+                    match row.iter_mut().find(|link| link.0 == other) {
+                        Some(link) => link.1 += g,
+                        None if other as usize != b => row.push((other, g)),
+                        None => {}
+                    }
+                }
+            }
+        };
+        let all = Self::from_chunks(parallel::map_chunks(n, CHUNK, |range| {
+            let (mut links, mut row, mut ends) = (vec![], vec![], Vec::with_capacity(range.len()));
+            for b in range {
+                conductances(b, &mut row);
+                links.append(&mut row);
+                ends.push(links.len() as u32);
+            }
+            (links, ends)
+        }));
+        let wider = parallel::map(n, |b| {
+            let sum = all.row(b).iter().map(|link| link.1).fold(0.0, |a, b| a + b);
+            (4.0 * STEP * area(b) / sum.max(f32::MIN_POSITIVE)).min(2.0)
+        });
+        all.scaled(|b, other, _| wider[b].min(wider[other]) / area(b).max(f32::MIN_POSITIVE))
+    }
+
+    /// How many hang together with each, itself among them, each counted as often as `count` says.
+    pub(super) fn sizes(&self, count: impl Fn(usize) -> u32) -> Vec<u32> {
+        let mut sizes = vec![0; self.len()];
         let mut found = vec![];
+        let mut is_found = vec![false; self.len()];
         for start in 0..sizes.len() {
-            if sizes[start] > 0 {
+            if is_found[start] {
                 continue;
             }
-            sizes[start] = 1;
+            is_found[start] = true;
             found.push(start as u32);
             let mut next = 0;
             while let Some(&i) = found.get(next) {
                 next += 1;
                 for &(j, rate) in self.row(i as usize) {
-                    if rate > 0.0 && sizes[j as usize] == 0 {
-                        sizes[j as usize] = 1;
+                    if rate > 0.0 && !core::mem::replace(&mut is_found[j as usize], true) {
                         found.push(j);
                     }
                 }
             }
-            let size = found.len() as u32;
+            let size = found.iter().map(|&i| count(i as usize)).fold(0, u32::saturating_add);
             found.drain(..).for_each(|i| sizes[i as usize] = size);
         }
         sizes
@@ -207,7 +250,8 @@ impl Network {
         self.row(i).iter().fold(own * 0.0, |sum, &(j, rate)| sum + (field[j as usize] - own) * (rate * times))
     }
 
-    fn row(&self, i: usize) -> &[(u32, f32)] {
+    /// Where what flows from a patch goes, with the rates.
+    pub(super) fn row(&self, i: usize) -> &[(u32, f32)] {
         &self.links[self.first[i] as usize..self.first[i + 1] as usize]
     }
 }
@@ -257,7 +301,7 @@ mod tests {
         // Noise that leaps have left below zero stops what jumps, and makes nothing grow.
         let stopped = network.stopped(&jumps, &[-1e-3; 40]).flow(light.clone(), 20);
         assert!((sum(&stopped, 0..20) - sum(&light, 0..20)).abs() < 1e-4);
-        assert_eq!(network.stopped(&jumps, &noise).sizes(), vec![40; 40]);
+        assert_eq!(network.stopped(&jumps, &noise).sizes(|_| 1), vec![40; 40]);
     }
 
     #[test]

@@ -36,8 +36,9 @@
 //! and 0.45 %, with F, against 0.48, 0.83 and 0.45 % without.
 
 use super::cells::{self, Cells};
-use super::judge::{self, Judge};
+use super::judge::Judge;
 use super::network::{Field, Network};
+use super::windows::Windows;
 use crate::base::{LightVector, Rgb, parallel};
 use crate::patches::{PatchGraph, Patches};
 use core::ops::{Add, Mul, Sub};
@@ -55,6 +56,8 @@ const UNSEEN: f32 = 1.0 / 4096.0;
 /// Steps of flow after which jumps over links are looked for, and jumps that halve what flows, squared, in variances of
 /// the raw mean.
 const PILOTS: [(usize, f32); 2] = [(1, 4.0), (3, 1.0)];
+/// Steps that errors flow, to be known around each patch: a window of 3.5 texels.
+const AROUND: usize = 30;
 /// Steps that the chosen bandwidth flows, so that it does not jump.
 const SETTLE_STEPS: usize = 2;
 /// A wider level is tried while the last one was the best for this share of the texels.
@@ -112,7 +115,7 @@ impl Errors {
     #[must_use]
     pub fn around(&self, patches: &Patches, graph: &PatchGraph) -> Vec<f32> {
         let network = Network::new(patches, graph, self.noise.len());
-        self.averaged(|values| network.flow(values, judge::STEPS))
+        self.averaged(|values| network.flow(values, AROUND))
     }
 
     /// Noise and bias after averaging, never below the noise.
@@ -136,7 +139,7 @@ pub struct Along<'a> {
 pub fn share(patches: &Patches, graph: &PatchGraph, halves: [&mut Vec<Rgb>; 2], along: Along<'_>) -> Errors {
     let [a, b] = halves;
     let raw = parallel::map_light(a.len(), |i| Pair(a[i], b[i]));
-    let Flow { network, steps, noise } = chosen(patches, graph, &raw);
+    let Flow { network, steps, windows } = chosen(patches, graph, &raw);
     let shared = straightened(&network, raw.clone(), steps, |a, b| Pair(a.0.max(b.0), a.1.max(b.1)));
     if let Some(part) = along.part {
         *part = straightened(&network, core::mem::take(part), steps, Rgb::max);
@@ -146,7 +149,7 @@ pub fn share(patches: &Patches, graph: &PatchGraph, halves: [&mut Vec<Rgb>; 2], 
     }
     drop(network);
     let bias = parallel::map_light(raw.len(), |i| bias(shared[i], raw[i]));
-    let noise = left(&Network::new(patches, graph, raw.len()), &noise, &shared);
+    let noise = left(&windows, &raw, &shared);
     for (i, pair) in shared.into_iter().enumerate() {
         (a[i], b[i]) = (pair.0, pair.1);
     }
@@ -158,29 +161,37 @@ struct Flow {
     /// Links that let it flow as far as suits each patch in so many steps.
     network: Network,
     steps: usize,
-    /// Noise around each patch before [lx²].
-    noise: Vec<f32>,
+    /// To average over.
+    windows: Windows,
 }
 
 /// Variance of the mean of two halves that is left after they flowed [lx²]: what is seen of it, times a power of what was
 /// removed of the noise that was around there before.
-fn left(network: &Network, before: &[f32], shared: &[Pair]) -> Vec<f32> {
-    let after = network.flow(parallel::map_light(shared.len(), |i| noise(shared[i])), judge::STEPS);
+fn left(windows: &Windows, raw: &[Pair], shared: &[Pair]) -> Vec<f32> {
+    let (before, after) = (noise_around(windows, raw), windows.means(|i| noise(shared[i])));
     parallel::map_light(shared.len(), |i| {
+        let (before, after) = (before[windows.block(i)], after[windows.block(i)]);
         // Leaps leave some of it below zero, where there is next to none.
-        let removed = if after[i] > 0.0 { (before[i] / after[i]).clamp(1.0, MOST_REMOVED) } else { 1.0 };
+        let removed = if after > 0.0 { (before / after).clamp(1.0, MOST_REMOVED) } else { 1.0 };
         noise(shared[i]) * libm::powf(removed, HIDDEN)
     })
 }
 
+/// Noise around each block of patches, at least what no page shows [lx²].
+fn noise_around(windows: &Windows, raw: &[Pair]) -> Vec<f32> {
+    windows.means(|i| noise(raw[i]).max(unseen(raw[i])))
+}
+
 fn chosen(patches: &Patches, graph: &PatchGraph, raw: &[Pair]) -> Flow {
     let network = Network::new(patches, graph, raw.len());
-    let judge = Judge::new(patches, &network);
-    let noise = network.flow(parallel::map_light(raw.len(), |i| noise(raw[i]).max(unseen(raw[i]))), judge::STEPS);
+    let windows = Windows::new(patches, &network);
+    let around = noise_around(&windows, raw);
+    let noise = parallel::map_light(raw.len(), |i| around[windows.block(i)]);
     let stopped = stopped(&network, raw, &noise);
-    let wanted = bandwidth(&stopped, &judge, raw);
+    drop(network);
+    let wanted = bandwidth(&stopped, &Judge::new(patches, raw.len(), &windows), raw);
     let steps = widest(&wanted);
-    Flow { network: stopped.narrowed(&wanted, steps), steps, noise }
+    Flow { network: stopped.narrowed(&wanted, steps), steps, windows }
 }
 
 /// The links that light can flow over without crossing an edge of its own.
