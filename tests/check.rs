@@ -330,6 +330,20 @@ fn sheets_that_lie_on_each_other_have_no_seam() {
 }
 
 #[test]
+fn seams_beside_strips_that_nobody_sees_do_not_count() {
+    // A strip so many texels wide beside a floor.
+    let points = |width: f32| {
+        let quad =
+            |x: f32, wide: f32| quads::Quad::new([x, 0.0, 0.0], [0.0, 0.0, 1.0], [wide, 0.0, 0.0], quads::grey(0.5));
+        let scene = quads::Scene { quads: vec![quad(0.0, 1.0), quad(1.0, width / 8.0)], lights: vec![] };
+        let baked = scene.bake(&["--preset", "preview", "--sky", "1", "--texels-per-meter", "8"]);
+        report(&baked.path("out.gltf"), &Settings::default()).measure(Kind::SeamStep).unwrap().of
+    };
+    assert_eq!(points(0.05), 0);
+    assert!(points(0.3) >= 56 && points(3.0) >= 56);
+}
+
+#[test]
 fn places_are_where_the_fault_is() {
     let mut planted = two_rooms().clone();
     let texel = lit_texel(&planted);

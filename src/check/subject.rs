@@ -47,6 +47,13 @@ pub(super) struct Flat {
     pub(super) inside: bool,
 }
 
+impl Flat {
+    /// Where a point of the triangle lies on the page [texels]; barycentric weights of the vertices 1 and 2.
+    pub(super) fn at(&self, b: Vec2) -> Vec2 {
+        self.uv[0] + (self.uv[1] - self.uv[0]) * b.x + (self.uv[2] - self.uv[0]) * b.y
+    }
+}
+
 /// A baked document, ready to be measured.
 pub(super) struct Subject<'a> {
     pub(super) settings: &'a Settings,
@@ -155,7 +162,7 @@ impl<'a> Subject<'a> {
         let SurfacePoint { triangle, b } = spot.point;
         let (scene, part) = (self.scene, self.scene.part(triangle));
         let flat = self.flat[triangle as usize];
-        let at = flat.map(|f| f.uv[0] + (f.uv[1] - f.uv[0]) * b.x + (f.uv[2] - f.uv[0]) * b.y);
+        let at = flat.map(|f| f.at(b));
         let size = self.area[triangle as usize].sqrt() as f32;
         let texels = flat.map_or(0.0, |f| texel_area(&f.uv).sqrt());
         let edge = if texels > 1e-3 { size / texels as f32 } else { size };
