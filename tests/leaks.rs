@@ -137,6 +137,18 @@ fn double_sided_furniture_leaves_no_dark_strip_either() {
     assert!(seen.lit >= LIT && seen.lit_points > 500, "{seen:?}");
 }
 
+#[test]
+fn a_hollow_wall_with_a_gap_leaves_no_dark_strip_on_its_other_side() {
+    // On the dark side, a tenth of a metre of the sheet is missing: what lies in the wall is joined with the room.
+    for (thick, offset) in [(0.3, 0.031), (0.32, 0.056), (0.4, 0.119)] {
+        let mut place = room(Walls::Touching, [1.4, 1.1], thick, offset);
+        let (_, sides) = place.things.iter_mut().find(|(name, _)| name == "east").unwrap();
+        sides[0].u.z -= 0.1 + thick;
+        let seen = place.look(&two_sided(&place));
+        assert!(seen.lit >= LIT && seen.lit_points > 500, "{thick} {offset}: {seen:?}");
+    }
+}
+
 /// Walls of a centimetre, texels of six.
 const THIN: &str = "texels-per-meter = 16.0\ngather = 8\nlines-per-texel = 4\ncut-contacts = true";
 

@@ -21,6 +21,7 @@ mod exposed;
 mod facing;
 mod fragments;
 mod graph;
+mod hollows;
 mod laid;
 mod pieces;
 mod place;
@@ -49,6 +50,7 @@ use crate::scene::Scene;
 use crate::trace::{Closed, Tracer};
 use fragments::Fragments;
 use glam::{Vec2, Vec3};
+use hollows::Hollow;
 use laid::Laid;
 
 /// No patch.
@@ -94,6 +96,8 @@ pub struct Patches {
     mask: Vec<u64>,
     /// A sheet may stand within or beside the front patch.
     walled: Vec<bool>,
+    /// By patch; empty if none lies in a hollow wall.
+    hollows: Vec<Hollow>,
     surface: Laid,
     /// Charts whose front patches lie on the back of their triangles, ascending.
     turned: Vec<u32>,
@@ -116,9 +120,19 @@ impl Patches {
         let closed = Closed::new(tracer.scene());
         let solids = solids::Solids { tracer, closed: &closed };
         patches.walled = exposed::find(&mut patches, solids, progress);
-        pockets::close(&mut patches, tracer, progress);
+        patches.close(tracer, progress);
         patches.find_readers(tracer, &closed, progress);
         patches
+    }
+
+    /// Takes what lies between double-sided sheets out of texels.
+    fn close(&mut self, tracer: &Tracer<'_>, progress: &Progress) {
+        let scene = tracer.scene();
+        if scene.parts.iter().any(|part| scene.materials[part.material].is_two_sided()) {
+            let graph = PatchGraph::new(self, tracer, progress);
+            pockets::close(self, tracer, &graph, progress);
+            self.hollows = hollows::open(self, tracer, &graph, progress);
+        }
     }
 
     /// Sets the centroids of what is exposed, and who reads what is not.

@@ -43,20 +43,16 @@ struct Pocket {
 }
 
 /// Takes pockets out of the light, and the parts of texels around that lie in them.
-pub(super) fn close(patches: &mut Patches, tracer: &Tracer<'_>, progress: &Progress) {
-    let scene = tracer.scene();
-    if !scene.parts.iter().any(|part| scene.materials[part.material].is_two_sided()) {
-        return;
-    }
-    let graph = PatchGraph::new(patches, tracer, progress);
-    let pockets = patches.pockets(tracer, &graph, progress);
+pub(super) fn close(patches: &mut Patches, tracer: &Tracer<'_>, graph: &PatchGraph, progress: &Progress) {
+    let pockets = patches.pockets(tracer, graph, progress);
     let closed: BTreeSet<u32> = pockets.iter().flat_map(|pocket| pocket.inside.iter().copied()).collect();
     let mut cut: Vec<u32> = pockets.iter().flat_map(|pocket| pocket.beside.iter().copied()).collect();
     let is_cut = |i: &u32| patches.around_in_chart(*i as usize).any(|j| !closed.contains(&(j as u32)));
     cut.extend(closed.iter().copied().filter(is_cut));
     cut.sort_unstable();
     cut.dedup();
-    let left = parallel::map_watched(cut.len(), progress, |k| patches.open_cells(tracer, cut[k] as usize, &closed));
+    let sides = Sides { closed: &closed, unknown: &BTreeSet::new() };
+    let left = parallel::map_watched(cut.len(), progress, |k| patches.open_cells(tracer, cut[k] as usize, &sides));
     let left: BTreeMap<u32, Left> = cut.into_iter().zip(left).collect();
     let stays = |i: &u32| left.get(i).map_or(!closed.contains(i), |left| left.exposed > 0.0);
     let side = |i: u32| (patches.chart[patches.front_patch(i as usize)], patches.is_back(i as usize));
@@ -129,7 +125,7 @@ impl Patches {
     }
 
     /// A diffuse path from a patch gets to where it is not narrow.
-    fn finds_out(&self, tracer: &Tracer<'_>, patch: usize, stream: &mut Stream) -> bool {
+    pub(super) fn finds_out(&self, tracer: &Tracer<'_>, patch: usize, stream: &mut Stream) -> bool {
         let scene = tracer.scene();
         let Some(point) = self.middle(tracer, patch) else { return true };
         // The bottom of a cupboard lies on it.
@@ -161,14 +157,16 @@ impl Patches {
 
     /// What does not lie in closed pockets of a texel at their border: cells that see no closed texel beside it, or also
     /// one that stays.
-    fn open_cells(&self, tracer: &Tracer<'_>, patch: usize, closed: &BTreeSet<u32>) -> Left {
+    pub(super) fn open_cells(&self, tracer: &Tracer<'_>, patch: usize, sides: &Sides<'_>) -> Left {
         let above = |position: Vec3, j: usize| position + self.normal[j] * (LOW * self.texel_edge(j));
         let sees = |from: Vec3, j: usize| {
             let direction = above(self.position[j], j) - from;
             !tracer.occluded(&Ray { origin: from, direction, t_max: 1.0 })
         };
         let (shut, open): (Vec<usize>, Vec<usize>) =
-            self.around_in_chart(patch).partition(|&j| closed.contains(&(j as u32)));
+            self.around_in_chart(patch).partition(|&j| sides.closed.contains(&(j as u32)));
+        let known = |j: &usize| !sides.unknown.contains(&(*j as u32));
+        let open: Vec<usize> = open.into_iter().filter(known).collect();
         let front = self.front_patch(patch);
         let mut cells = [Cell::default(); (MASK_GRID * MASK_GRID) as usize];
         for f in self.fragments.range(front) {
@@ -188,7 +186,7 @@ impl Patches {
     }
 
     /// Sets what of a texel takes part in light.
-    fn keep(&mut self, patch: usize, left: Left) {
+    pub(super) fn keep(&mut self, patch: usize, left: Left) {
         (self.mask[patch], self.exposed[patch]) = (left.mask, left.exposed);
         if left.exposed > 0.0 {
             self.position[patch] = left.position;
@@ -205,12 +203,19 @@ struct Cell {
     position: Vec3,
 }
 
+/// Patches by the side of a border that they lie on; all others are in the open.
+pub(super) struct Sides<'a> {
+    pub(super) closed: &'a BTreeSet<u32>,
+    /// The border runs through them.
+    pub(super) unknown: &'a BTreeSet<u32>,
+}
+
 /// What of a texel takes part in light.
 #[derive(Debug, Default)]
-struct Left {
+pub(super) struct Left {
     mask: u64,
     /// Share of the texel's surface.
-    exposed: f32,
+    pub(super) exposed: f32,
     /// Its centroid [m].
     position: Vec3,
 }

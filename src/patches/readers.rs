@@ -3,7 +3,8 @@
 //! In: patches and tracer. Out: for texels without exposed surface that are, or touch, a texel with hidden surface, the
 //! weights of their eight neighbours: that of the texel in their look-ups, integrated over their exposed surface. The same
 //! for exposed texels that lie behind a sheet as seen from neighbours that end at it ([`behind`](super::behind)): the foot
-//! of a wall below the ground is dark, is not to be seen, and half a texel of the wall above would show it.
+//! of a wall below the ground is dark, is not to be seen, and half a texel of the wall above would show it; and for those in
+//! [hollow walls](super::hollows).
 //!
 //! What is exposed is known by cells of a mask ([`exposed`](super::exposed)), so a look-up from beyond the middle of the
 //! last open cell is overlooked. Where nothing else reads a texel, that decides whose light it holds: of a wall exactly two
@@ -16,6 +17,7 @@ use super::Patches;
 use super::behind::is_cut_off;
 use super::cells::MASK_GRID;
 use super::exposed;
+use super::hollows::Hollow;
 use super::pieces::Pieces;
 use super::solids::Solids;
 use crate::base::{Progress, parallel};
@@ -49,6 +51,11 @@ pub fn around() -> impl Iterator<Item = (i32, i32)> {
 pub(super) fn find(patches: &Patches, solids: Solids<'_>, walled: &[bool], progress: &Progress) -> Vec<Unlit> {
     let mut texels = beside_hidden(patches);
     texels.extend(cut_off(patches, solids, walled));
+    let behind = (0..patches.front).filter(|&i| patches.hollow(i) == Hollow::Behind);
+    texels.extend(behind.map(|i| {
+        let (x, y) = patches.texel_xy(i);
+        [patches.page(i), x, y]
+    }));
     texels.sort_unstable();
     texels.dedup();
     parallel::map_watched(texels.len(), progress, |k| unlit(patches, solids, texels[k]))
@@ -61,10 +68,10 @@ fn unlit(patches: &Patches, solids: Solids<'_>, texel: [u32; 3]) -> Unlit {
     for (neighbour, (dx, dy)) in neighbours.iter_mut().zip(around()) {
         let exposed = |j: &usize| {
             let reads = |i: usize| {
-                let hidden = patches.exposed[i] <= 0.0;
-                patches.chart(i) == patches.chart(*j) && (hidden || is_cut_off(patches, solids, i, *j))
+                let shut = patches.exposed[i] <= 0.0 || patches.hollow(i) == Hollow::Behind;
+                patches.chart(i) == patches.chart(*j) && (shut || is_cut_off(patches, solids, i, *j))
             };
-            patches.exposed[*j] > 0.0 && own.is_none_or(reads)
+            patches.exposed[*j] > 0.0 && patches.hollow(*j) == Hollow::No && own.is_none_or(reads)
         };
         let offset = Vec2::new(dx as f32, dy as f32);
         *neighbour = patches.front_at(page, x as i32 + dx, y as i32 + dy).filter(exposed).map(|j| (j, offset));

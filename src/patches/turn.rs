@@ -92,6 +92,9 @@ impl Patches {
                 self.position.swap(front, back as usize);
                 self.exposed.swap(front, back as usize);
                 self.mask.swap(front, back as usize);
+                if !self.hollows.is_empty() {
+                    self.hollows.swap(front, back as usize);
+                }
             }
         }
         self.find_readers(tracer, &Closed::new(tracer.scene()), progress);
