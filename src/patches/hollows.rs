@@ -65,7 +65,7 @@ pub(super) fn open(patches: &mut Patches, tracer: &Tracer<'_>, graph: &PatchGrap
     let halved = |j: &u32| patches.sees_any(tracer, *j as usize, &inside);
     let halved: BTreeSet<u32> = beyond.iter().copied().filter(halved).collect();
     let touched: Vec<u32> = beyond.into_iter().chain(behind).collect();
-    let sides = Sides { closed: &inside, unknown: &halved };
+    let sides = Sides { closed: &inside, unknown: &halved, closed_stay: false };
     let left =
         parallel::map_watched(touched.len(), progress, |k| patches.open_cells(tracer, touched[k] as usize, &sides));
     for (i, left) in touched.into_iter().zip(left) {

@@ -51,7 +51,7 @@ pub(super) fn close(patches: &mut Patches, tracer: &Tracer<'_>, graph: &PatchGra
     cut.extend(closed.iter().copied().filter(is_cut));
     cut.sort_unstable();
     cut.dedup();
-    let sides = Sides { closed: &closed, unknown: &BTreeSet::new() };
+    let sides = Sides { closed: &closed, unknown: &BTreeSet::new(), closed_stay: true };
     let left = parallel::map_watched(cut.len(), progress, |k| patches.open_cells(tracer, cut[k] as usize, &sides));
     let left: BTreeMap<u32, Left> = cut.into_iter().zip(left).collect();
     let stays = |i: &u32| left.get(i).map_or(!closed.contains(i), |left| left.exposed > 0.0);
@@ -167,6 +167,7 @@ impl Patches {
             self.around_in_chart(patch).partition(|&j| sides.closed.contains(&(j as u32)));
         let known = |j: &usize| !sides.unknown.contains(&(*j as u32));
         let open: Vec<usize> = open.into_iter().filter(known).collect();
+        let stays_unseen = sides.closed_stay || !sides.closed.contains(&(patch as u32));
         let front = self.front_patch(patch);
         let mut cells = [Cell::default(); (MASK_GRID * MASK_GRID) as usize];
         for f in self.fragments.range(front) {
@@ -176,7 +177,8 @@ impl Patches {
                 let from = above(position, patch);
                 cell.area += area;
                 cell.position += position * area;
-                let stays = || !shut.iter().any(|&j| sees(from, j)) || open.iter().any(|&j| sees(from, j));
+                let sees_any = |others: &[usize]| others.iter().any(|&j| sees(from, j));
+                let stays = || stays_unseen && !sees_any(&shut) || sees_any(&open);
                 if self.is_exposed_at(patch, centroid) && stays() {
                     cell.open += area;
                 }
@@ -208,6 +210,8 @@ pub(super) struct Sides<'a> {
     pub(super) closed: &'a BTreeSet<u32>,
     /// The border runs through them.
     pub(super) unknown: &'a BTreeSet<u32>,
+    /// Cells of closed ones that see neither side are in the open.
+    pub(super) closed_stay: bool,
 }
 
 /// What of a texel takes part in light.

@@ -71,7 +71,8 @@ fn unlit(patches: &Patches, solids: Solids<'_>, texel: [u32; 3]) -> Unlit {
                 let shut = patches.exposed[i] <= 0.0 || patches.hollow(i) == Hollow::Behind;
                 patches.chart(i) == patches.chart(*j) && (shut || is_cut_off(patches, solids, i, *j))
             };
-            patches.exposed[*j] > 0.0 && patches.hollow(*j) == Hollow::No && own.is_none_or(reads)
+            let open = own.is_none() || patches.hollow(*j) == Hollow::No;
+            patches.exposed[*j] > 0.0 && open && own.is_none_or(reads)
         };
         let offset = Vec2::new(dx as f32, dy as f32);
         *neighbour = patches.front_at(page, x as i32 + dx, y as i32 + dy).filter(exposed).map(|j| (j, offset));
