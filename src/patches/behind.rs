@@ -9,7 +9,8 @@
 //! meet first says on which side of a sheet they began. Of a wall in the sun that went into the ground, the last texel
 //! held up to a third less light than it should, whichever part of it was below.
 //!
-//! Limits: double-sided sheets have no side to prefer; a texel belongs to both sides of them.
+//! Limits: double-sided sheets have no side to prefer but where one is the inside of a wall ([`hollows`](super::hollows)); a
+//! texel belongs to both sides of them.
 
 use super::Patches;
 use super::exposed::{LOW, MOST_NEAR, rounding};

@@ -10,8 +10,8 @@
 //!
 //! Memory: about 120 bytes per patch here (structure of arrays), 60 more in the solver.
 //!
-//! Limits: a texel that is cut by a double-sided sheet without thickness belongs to both sides of it, of a single-sided one
-//! to the front.
+//! Limits: a texel that is cut by a double-sided sheet without thickness belongs to both sides of it, unless one is the inside
+//! of a hollow wall (`hollows`), of a single-sided one to the front.
 
 mod behind;
 mod blocks;
