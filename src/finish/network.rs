@@ -22,7 +22,7 @@
 //! Invariant: the sum of `g_ij` over j is at most 0.8 A, so a step never overshoots; polynomials of steps whose
 //! coefficients add up to one conserve flux and keep constants as single ones do.
 
-use crate::base::parallel;
+use crate::base::{Sets, parallel};
 use crate::patches::{PatchGraph, Patches};
 use core::ops::{Add, Mul, Sub};
 
@@ -169,28 +169,15 @@ impl Network {
 
     /// How many hang together with each, itself among them, each counted as often as `count` says.
     pub(super) fn sizes(&self, count: impl Fn(usize) -> u32) -> Vec<u32> {
-        let mut sizes = vec![0; self.len()];
-        let mut found = vec![];
-        let mut is_found = vec![false; self.len()];
-        for start in 0..sizes.len() {
-            if is_found[start] {
-                continue;
-            }
-            is_found[start] = true;
-            found.push(start as u32);
-            let mut next = 0;
-            while let Some(&i) = found.get(next) {
-                next += 1;
-                for &(j, rate) in self.row(i as usize) {
-                    if rate > 0.0 && !core::mem::replace(&mut is_found[j as usize], true) {
-                        found.push(j);
-                    }
-                }
-            }
-            let size = found.iter().map(|&i| count(i as usize)).fold(0, u32::saturating_add);
-            found.drain(..).for_each(|i| sizes[i as usize] = size);
+        let mut sets = Sets::new(self.len());
+        for i in 0..self.len() {
+            let linked = self.row(i).iter().filter(|(_, rate)| *rate > 0.0);
+            linked.for_each(|&(j, _)| sets.join(i, j as usize));
         }
-        sizes
+        let set = sets.numbers();
+        let mut sizes = vec![0u32; self.len()];
+        (0..self.len()).for_each(|i| sizes[set[i] as usize] = sizes[set[i] as usize].saturating_add(count(i)));
+        set.into_iter().map(|set| sizes[set as usize]).collect()
     }
 
     /// The same links, each narrowed so that light flows about as far in `steps` steps as it did in `wanted` of them at

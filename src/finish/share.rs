@@ -139,7 +139,7 @@ pub struct Along<'a> {
 pub fn share(patches: &Patches, graph: &PatchGraph, halves: [&mut Vec<Rgb>; 2], along: Along<'_>) -> Errors {
     let [a, b] = halves;
     let raw = parallel::map_light(a.len(), |i| Pair(a[i], b[i]));
-    let Flow { network, steps, windows } = chosen(patches, graph, &raw);
+    let Flow { network, steps, windows, noise } = chosen(patches, graph, &raw);
     let shared = straightened(&network, raw.clone(), steps, |a, b| Pair(a.0.max(b.0), a.1.max(b.1)));
     if let Some(part) = along.part {
         *part = straightened(&network, core::mem::take(part), steps, Rgb::max);
@@ -149,7 +149,7 @@ pub fn share(patches: &Patches, graph: &PatchGraph, halves: [&mut Vec<Rgb>; 2], 
     }
     drop(network);
     let bias = parallel::map_light(raw.len(), |i| bias(shared[i], raw[i]));
-    let noise = left(&windows, &raw, &shared);
+    let noise = left(&windows, &noise, &shared);
     for (i, pair) in shared.into_iter().enumerate() {
         (a[i], b[i]) = (pair.0, pair.1);
     }
@@ -163,12 +163,14 @@ struct Flow {
     steps: usize,
     /// To average over.
     windows: Windows,
+    /// Noise around each block of patches before, at least what no page shows [lx²].
+    noise: Vec<f32>,
 }
 
 /// Variance of the mean of two halves that is left after they flowed [lx²]: what is seen of it, times a power of what was
 /// removed of the noise that was around there before.
-fn left(windows: &Windows, raw: &[Pair], shared: &[Pair]) -> Vec<f32> {
-    let (before, after) = (noise_around(windows, raw), windows.means(|i| noise(shared[i])));
+fn left(windows: &Windows, before: &[f32], shared: &[Pair]) -> Vec<f32> {
+    let after = windows.means(|i| noise(shared[i]));
     parallel::map_light(shared.len(), |i| {
         let (before, after) = (before[windows.block(i)], after[windows.block(i)]);
         // Leaps leave some of it below zero, where there is next to none.
@@ -177,21 +179,16 @@ fn left(windows: &Windows, raw: &[Pair], shared: &[Pair]) -> Vec<f32> {
     })
 }
 
-/// Noise around each block of patches, at least what no page shows [lx²].
-fn noise_around(windows: &Windows, raw: &[Pair]) -> Vec<f32> {
-    windows.means(|i| noise(raw[i]).max(unseen(raw[i])))
-}
-
 fn chosen(patches: &Patches, graph: &PatchGraph, raw: &[Pair]) -> Flow {
     let network = Network::new(patches, graph, raw.len());
     let windows = Windows::new(patches, &network);
-    let around = noise_around(&windows, raw);
-    let noise = parallel::map_light(raw.len(), |i| around[windows.block(i)]);
-    let stopped = stopped(&network, raw, &noise);
+    let noise = windows.means(|i| noise(raw[i]).max(unseen(raw[i])));
+    let by_patch = parallel::map_light(raw.len(), |i| noise[windows.block(i)]);
+    let stopped = stopped(&network, raw, &by_patch);
     drop(network);
     let wanted = bandwidth(&stopped, &Judge::new(patches, raw.len(), &windows), raw);
     let steps = widest(&wanted);
-    Flow { network: stopped.narrowed(&wanted, steps), steps, windows }
+    Flow { network: stopped.narrowed(&wanted, steps), steps, windows, noise }
 }
 
 /// The links that light can flow over without crossing an edge of its own.

@@ -12,7 +12,7 @@
 //! Limits: texels of one block have one mean, so windows are off by up to half a texel.
 
 use super::network::{Field, Network};
-use crate::base::parallel;
+use crate::base::{Sets, parallel};
 use crate::patches::Patches;
 
 /// Steps of flow from block to block: each spreads by 1.6 texels² per axis.
@@ -47,28 +47,23 @@ impl Windows {
     }
 
     /// Blocks are patches in one square that are linked within it.
-    fn of<S: PartialEq>(network: &Network, area: Vec<f32>, square: impl Fn(usize) -> S + Sync) -> Self {
-        let n = network.len();
-        let leader = parallel::map(n, |i| linked_within(network, i, &square));
-        let mut block = vec![0u32; n];
-        let mut first = vec![];
-        for i in 0..n {
-            // The least of a block leads it, so it has been here.
-            if leader[i] as usize == i {
-                block[i] = first.len() as u32;
-                first.push(0);
-            } else {
-                block[i] = block[leader[i] as usize];
-            }
-            first[block[i] as usize] += 1;
+    fn of<S: PartialEq>(network: &Network, area: Vec<f32>, square: impl Fn(usize) -> S) -> Self {
+        let mut sets = Sets::new(network.len());
+        for i in 0..network.len() {
+            let own = square(i);
+            let linked = network.row(i).iter().filter(|(_, rate)| *rate > 0.0).map(|(j, _)| *j as usize);
+            linked.filter(|&j| square(j) == own).for_each(|j| sets.join(i, j));
         }
+        let block = sets.numbers();
+        let mut first = vec![0u32; block.iter().max().map_or(0, |most| *most as usize + 1)];
+        block.iter().for_each(|&b| first[b as usize] += 1);
         let mut end = 0;
         for start in &mut first {
             (*start, end) = (end, end + *start);
         }
         first.push(end);
         let mut next = first.clone();
-        let mut order = vec![0u32; n];
+        let mut order = vec![0u32; block.len()];
         for (i, &b) in block.iter().enumerate() {
             order[next[b as usize] as usize] = i as u32;
             next[b as usize] += 1;
@@ -103,23 +98,6 @@ impl Windows {
     pub(super) fn size(&self, patch: usize) -> f32 {
         self.sizes[self.block(patch)]
     }
-}
-
-/// The least of the patches that lie in the square of one and are linked to it there.
-fn linked_within<S: PartialEq>(network: &Network, i: usize, square: impl Fn(usize) -> S) -> u32 {
-    let own = square(i);
-    // Texels of a square; links across borders of charts may add others.
-    let mut found = vec![i as u32];
-    let mut next = 0;
-    while let Some(&k) = found.get(next) {
-        next += 1;
-        for &(j, rate) in network.row(k as usize) {
-            if rate > 0.0 && !found.contains(&j) && square(j as usize) == own {
-                found.push(j);
-            }
-        }
-    }
-    found.into_iter().fold(i as u32, u32::min)
 }
 
 #[cfg(test)]

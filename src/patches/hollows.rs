@@ -13,7 +13,6 @@
 //!
 //! Limits: where both sides are narrow, as in shelves, or both wide, texels belong to both.
 
-use super::exposed::LOW;
 use super::graph::COS_FACING;
 use super::pockets::Sides;
 use super::turn::narrow;
@@ -62,7 +61,10 @@ pub(super) fn open(patches: &mut Patches, tracer: &Tracer<'_>, graph: &PatchGrap
     let around = behind.iter().flat_map(|&i| patches.around_in_chart(i as usize).map(|j| j as u32));
     let beyond: BTreeSet<u32> = around.filter(|&j| places[j as usize] == Hollow::No).collect();
     // Of a texel that the sheet halves, the middle may lie on either side.
-    let halved = |j: &u32| patches.sees_any(tracer, *j as usize, &inside);
+    let halved = |j: &u32| {
+        let (from, around) = (patches.above(*j as usize), patches.around_in_chart(*j as usize));
+        around.filter(|i| inside.contains(&(*i as u32))).any(|i| patches.is_seen(tracer, from, i))
+    };
     let halved: BTreeSet<u32> = beyond.iter().copied().filter(halved).collect();
     let touched: Vec<u32> = beyond.into_iter().chain(behind).collect();
     let sides = Sides { closed: &inside, unknown: &halved, closed_stay: false };
@@ -110,26 +112,11 @@ impl Patches {
         (0..found.len()).filter(is_shut).map(|k| found[k]).collect()
     }
 
-    /// The middle of a patch is in sight of one of these around it.
-    fn sees_any(&self, tracer: &Tracer<'_>, patch: usize, others: &BTreeSet<u32>) -> bool {
-        let origin = self.above(patch);
-        self.around_in_chart(patch).filter(|j| others.contains(&(*j as u32))).any(|j| {
-            let direction = self.above(j) - origin;
-            !tracer.occluded(&Ray { origin, direction, t_max: 1.0 })
-        })
-    }
-
-    /// A little above the middle of a patch [m].
-    fn above(&self, patch: usize) -> Vec3 {
-        self.position[patch] + self.normal[patch] * (LOW * self.texel_edge(patch))
-    }
-
     /// A sheet stands between two patches of a surface.
     fn is_parted(&self, tracer: &Tracer<'_>, graph: &PatchGraph, i: usize, j: usize) -> bool {
-        let (origin, target) = (self.above(i), self.above(j));
         graph.neighbors(i).binary_search(&(j as u32)).is_err()
             && self.normal[i].dot(self.normal[j]) >= COS_FACING
-            && tracer.occluded(&Ray { origin, direction: target - origin, t_max: 1.0 })
+            && !self.is_seen(tracer, self.above(i), j)
     }
 
     /// Along the surface, away from a sheet, the next one is near.

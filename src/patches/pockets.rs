@@ -158,11 +158,6 @@ impl Patches {
     /// What does not lie in closed pockets of a texel at their border: cells that see no closed texel beside it, or also
     /// one that stays.
     pub(super) fn open_cells(&self, tracer: &Tracer<'_>, patch: usize, sides: &Sides<'_>) -> Left {
-        let above = |position: Vec3, j: usize| position + self.normal[j] * (LOW * self.texel_edge(j));
-        let sees = |from: Vec3, j: usize| {
-            let direction = above(self.position[j], j) - from;
-            !tracer.occluded(&Ray { origin: from, direction, t_max: 1.0 })
-        };
         let (shut, open): (Vec<usize>, Vec<usize>) =
             self.around_in_chart(patch).partition(|&j| sides.closed.contains(&(j as u32)));
         let known = |j: &usize| !sides.unknown.contains(&(*j as u32));
@@ -174,10 +169,10 @@ impl Patches {
             self.cell_centroids(front, f, MASK_GRID, |point, centroid, area| {
                 let cell = &mut cells[cell_index(centroid, MASK_GRID)];
                 let position = tracer.scene().position(point.triangle, point.b);
-                let from = above(position, patch);
+                let from = self.lifted(patch, position);
                 cell.area += area;
                 cell.position += position * area;
-                let sees_any = |others: &[usize]| others.iter().any(|&j| sees(from, j));
+                let sees_any = |others: &[usize]| others.iter().any(|&j| self.is_seen(tracer, from, j));
                 let stays = || stays_unseen && !sees_any(&shut) || sees_any(&open);
                 if self.is_exposed_at(patch, centroid) && stays() {
                     cell.open += area;
@@ -185,6 +180,21 @@ impl Patches {
             });
         }
         Left::of(&cells)
+    }
+
+    /// A position on a patch, a little above it [m].
+    fn lifted(&self, patch: usize, position: Vec3) -> Vec3 {
+        position + self.normal[patch] * (LOW * self.texel_edge(patch))
+    }
+
+    /// A little above the middle of a patch [m].
+    pub(super) fn above(&self, patch: usize) -> Vec3 {
+        self.lifted(patch, self.position[patch])
+    }
+
+    /// From a place above the surface, one sees the middle of a patch.
+    pub(super) fn is_seen(&self, tracer: &Tracer<'_>, from: Vec3, patch: usize) -> bool {
+        !tracer.occluded(&Ray { origin: from, direction: self.above(patch) - from, t_max: 1.0 })
     }
 
     /// Sets what of a texel takes part in light.
