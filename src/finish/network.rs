@@ -22,7 +22,7 @@
 //! Invariant: the sum of `g_ij` over j is at most 0.8 A, so a step never overshoots; polynomials of steps whose
 //! coefficients add up to one conserve flux and keep constants as single ones do.
 
-use crate::base::{Sets, parallel};
+use crate::base::{Groups, Sets, parallel};
 use crate::patches::{PatchGraph, Patches};
 use core::ops::{Add, Mul, Sub};
 
@@ -129,20 +129,15 @@ impl Network {
         self.first.len() - 1
     }
 
-    /// The network of `n` blocks of patches, by the block of each patch, their areas, and the patches of each block: what
-    /// flows between blocks goes as far as it does here, in a quarter of the steps.
-    pub(super) fn merged<'a>(
-        &self,
-        block: &[u32],
-        areas: &[f32],
-        n: usize,
-        members: impl Fn(usize) -> &'a [u32] + Sync,
-    ) -> Self {
-        let area = |b: usize| members(b).iter().map(|&i| areas[i as usize]).fold(0.0, |a, b| a + b);
+    /// The network of blocks of patches that have these areas: what flows between blocks goes as far as it does here, in
+    /// a quarter of the steps.
+    pub(super) fn merged(&self, blocks: &Groups, areas: &[f32]) -> Self {
+        let n = blocks.count();
+        let area = |b: usize| blocks.members(b).iter().map(|&i| areas[i as usize]).fold(0.0, |a, b| a + b);
         let conductances = |b: usize, row: &mut Vec<(u32, f32)>| {
-            for &i in members(b) {
+            for &i in blocks.members(b) {
                 for &(j, rate) in self.row(i as usize) {
-                    let (other, g) = (block[j as usize], rate * areas[i as usize]);
+                    let (other, g) = (blocks.of(j as usize) as u32, rate * areas[i as usize]);
                     match row.iter_mut().find(|link| link.0 == other) {
                         Some(link) => link.1 += g,
                         None if other as usize != b => row.push((other, g)),

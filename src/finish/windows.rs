@@ -12,7 +12,7 @@
 //! Limits: texels of one block have one mean, so windows are off by up to half a texel.
 
 use super::network::{Field, Network};
-use crate::base::{Sets, parallel};
+use crate::base::{Groups, Sets, parallel};
 use crate::patches::Patches;
 
 /// Steps of flow from block to block: each spreads by 1.6 texels² per axis.
@@ -22,11 +22,7 @@ const TEXELS: f32 = 161.0;
 
 /// Blocks of patches, and what flows between them.
 pub(super) struct Windows {
-    /// Block of each patch.
-    block: Vec<u32>,
-    /// Patches by block, and where in it each block starts.
-    order: Vec<u32>,
-    first: Vec<u32>,
+    blocks: Groups,
     /// Exposed area of each patch [m²].
     area: Vec<f32>,
     network: Network,
@@ -54,31 +50,17 @@ impl Windows {
             let linked = network.row(i).iter().filter(|(_, rate)| *rate > 0.0).map(|(j, _)| *j as usize);
             linked.filter(|&j| square(j) == own).for_each(|j| sets.join(i, j));
         }
-        let block = sets.numbers();
-        let mut first = vec![0u32; block.iter().max().map_or(0, |most| *most as usize + 1)];
-        block.iter().for_each(|&b| first[b as usize] += 1);
-        let mut end = 0;
-        for start in &mut first {
-            (*start, end) = (end, end + *start);
-        }
-        first.push(end);
-        let mut next = first.clone();
-        let mut order = vec![0u32; block.len()];
-        for (i, &b) in block.iter().enumerate() {
-            order[next[b as usize] as usize] = i as u32;
-            next[b as usize] += 1;
-        }
-        let members = |b: usize| &order[first[b] as usize..first[b + 1] as usize];
-        let network = network.merged(&block, &area, first.len() - 1, members);
-        let sizes = network.sizes(|b| members(b).len() as u32);
+        let blocks = Groups::new(sets.numbers());
+        let network = network.merged(&blocks, &area);
+        let sizes = network.sizes(|b| blocks.members(b).len() as u32);
         let sizes = sizes.into_iter().map(|n| (n as f32).min(TEXELS)).collect();
-        Self { block, order, first, area, network, sizes }
+        Self { blocks, area, network, sizes }
     }
 
     /// The mean around each block, weighted by area.
     pub(super) fn means<T: Field>(&self, value: impl Fn(usize) -> T + Sync) -> Vec<T> {
-        let own = parallel::map_light(self.first.len() - 1, |b| {
-            let members = &self.order[self.first[b] as usize..self.first[b + 1] as usize];
+        let own = parallel::map_light(self.blocks.count(), |b| {
+            let members = self.blocks.members(b);
             let first = value(members[0] as usize);
             let all = members.iter().map(|&i| self.area[i as usize]).fold(0.0, |a, b| a + b);
             let others = members[1..].iter().fold(first * 0.0, |sum, &i| {
@@ -91,7 +73,7 @@ impl Windows {
 
     /// The block of a patch.
     pub(super) fn block(&self, patch: usize) -> usize {
-        self.block[patch] as usize
+        self.blocks.of(patch)
     }
 
     /// Texels that the window around a patch averages over.
