@@ -11,7 +11,7 @@
 //! Triangles of parts that receive light are cut, also parts with a lightmap layout of their own, which are charted anew.
 //! Only fronts are looked at: what touches a surface from behind does not matter to the light on it.
 //!
-//! Invariants (`tests/cut_contacts.rs`): the surface keeps its place and area; triangles that share an edge share all
+//! Invariants (`tests/library/cut_contacts.rs`): the surface keeps its place and area; triangles that share an edge share all
 //! points on it, bit by bit; without contacts the scene stays as it is; the same result at any number of threads.
 //!
 //! Limits: lines are continued on plane surfaces alone. Contacts nearer than [`Settings::tolerance`] to an edge or to

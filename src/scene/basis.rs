@@ -3,7 +3,7 @@
 //! In: the bytes of a file. Out: the pixels of its largest level, row 0 on top as the extension demands.
 //!
 //! Source: Khronos, "KTX File Format Specification 2.0", section 3 (header, level index); the decoder is the crate
-//! `basisu`, whose pixels equal those of the reference transcoder (`tests/basis.rs`).
+//! `basisu`, whose pixels equal those of the reference transcoder (`tests/library/basis.rs`).
 //!
 //! What the header claims is compared with the bytes that exist before the decoder allocates ([`size`]). Damaged streams
 //! must be refused, not end the program: `basisu` indexes by what it reads, so a panic of it is turned into an error.

@@ -17,7 +17,7 @@
 //! proportion to the surface 0.39 to 0.65, so 0.93 and 0.94. Steps of room at 24, courtyard at 8 and office at 16 texels per
 //! metre stay as they are.
 //!
-//! Invariants (`tests/seams.rs`): constant light stays as it is; nothing changes away from seams; the same bits at any
+//! Invariants (`tests/library/seams.rs`): constant light stays as it is; nothing changes away from seams; the same bits at any
 //! thread count.
 //!
 //! Limits: texels of both sides lie on different lattices, so a part of the step remains where light bends sharply

@@ -2,11 +2,8 @@
 
 #![allow(dead_code, clippy::unwrap_used, reason = "tests; each uses a part of it")]
 
-#[path = "gltf_builder.rs"]
-pub(crate) mod gltf_builder;
-
+use crate::gltf_builder::{self, Builder};
 use glam::{Mat3, Vec2, Vec3};
-use gltf_builder::Builder;
 use serde_json::json;
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -1,0 +1,53 @@
+//! What the stages compute, one file for each property. One program: to compile and link each of them by itself takes a
+//! minute more.
+
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+#[path = "../support/baked.rs"]
+mod baked;
+#[path = "../support/gltf.rs"]
+mod gltf;
+#[path = "../support/gltf_builder.rs"]
+mod gltf_builder;
+#[path = "../support/quads.rs"]
+mod quads;
+#[path = "../support/sealed.rs"]
+mod sealed;
+#[path = "../support/solve.rs"]
+mod solve;
+#[path = "../support/mod.rs"]
+mod support;
+
+mod alike;
+mod basis;
+mod check;
+mod choices;
+mod contact;
+mod cut_contacts;
+mod directional;
+mod emitters;
+mod far;
+mod glare;
+mod glass;
+mod ies;
+mod image_light;
+mod layers;
+mod leaks;
+mod light;
+mod mips;
+mod normal_maps;
+mod output;
+mod quantized;
+mod ray_origins;
+mod rays;
+mod render;
+mod rewrite;
+mod rules;
+mod seams;
+mod sides;
+mod solver;
+mod specks;
+mod splice;
+mod stated;
+mod terminator;
+mod vertex_output;
