@@ -15,6 +15,7 @@ use super::lit::Lit;
 use super::look::{Look, Place};
 use super::neighbors::Neighbors;
 use super::slope::Moments;
+use super::unhidden::{self, share};
 use super::{Emitters, Settings};
 use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, Stream, mix};
@@ -68,8 +69,21 @@ pub(super) struct Estimate {
 struct Layer {
     kind: Kind,
     estimates: Vec<Estimate>,
+    /// What the estimates are made of where light has a closed form; empty if it has none.
+    unhidden: Vec<Unhidden>,
     /// Light vectors without what the gather finds [lx]; empty if they are not wanted.
     vectors: Vec<LightVector>,
+}
+
+/// Light of emissive surfaces on a patch [lx].
+#[derive(Debug, Clone, Copy, Default)]
+struct Unhidden {
+    /// If nothing were in between; zero if that is not known.
+    all: Rgb,
+    /// The same by the samples of the halves.
+    would: [Rgb; 2],
+    /// What of that arrived.
+    arrived: [Rgb; 2],
 }
 
 struct Context<'a, L> {
@@ -83,6 +97,9 @@ struct Context<'a, L> {
 
 /// Sum of the samples of one half, and the slope over the texel.
 type Half = (Lit, Vec2);
+
+/// Both halves, and the light if nothing were in between where it is known.
+type Sums = ([Half; 2], Rgb);
 
 /// Direct light of every patch.
 #[must_use]
@@ -109,7 +126,9 @@ pub fn direct(
             let vectors = if settings.directional { patches.len() } else { 0 };
             let (estimates, vectors) =
                 (vec![Estimate::default(); patches.len()], vec![LightVector::default(); vectors]);
-            let mut layer = Layer { kind, estimates, vectors };
+            let is_even = kind == Kind::Finite && !emitters.even_pieces().is_empty();
+            let unhidden = vec![Unhidden::default(); if is_even { patches.len() } else { 0 }];
+            let mut layer = Layer { kind, estimates, unhidden, vectors };
             rays += context.extend(&mut layer, &list, progress);
             layers.push(layer);
         }
@@ -160,19 +179,31 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
             let (patch, samples) = (list[k].0 as usize, list[k].1);
             let mut look = (self.look)();
             let before = old[patch];
-            let sums = self.sums(&mut look, layer.kind, patch, before.samples..samples);
+            let (sums, all) = self.sums(&mut look, layer.kind, patch, before.samples..samples);
             let mean = |mean: Rgb, sum: Rgb| (mean * before.samples as f32 + sum) / samples as f32;
-            let halves = [0, 1].map(|h| mean(before.halves[h], sums[h].0.all));
+            let unhidden = layer.unhidden.get(patch).map(|known| Unhidden {
+                all: if before.samples == 0 { all } else { known.all },
+                would: [0, 1].map(|h| mean(known.would[h], sums[h].0.unhidden)),
+                arrived: [0, 1].map(|h| mean(known.arrived[h], sums[h].0.all)),
+            });
+            let halves = [0, 1].map(|h| match &unhidden {
+                Some(known) if samples >= unhidden::LEAST_SAMPLES => share(known.all, known.arrived[h], known.would[h]),
+                Some(known) => known.arrived[h],
+                None => mean(before.halves[h], sums[h].0.all),
+            });
             let gathered = [0, 1].map(|h| mean(before.gathered[h], sums[h].0.gathered));
             let vector = layer.vectors.get(patch).map(|&mean| {
                 let sum = (sums[0].0.vector + sums[1].0.vector) * 0.5;
                 (mean * before.samples as f32 + sum) * (samples as f32).recip()
             });
-            (Estimate { halves, gathered, slopes: sums.map(|half| half.1), samples }, vector, look.rays)
+            (Estimate { halves, gathered, slopes: sums.map(|half| half.1), samples }, unhidden, vector, look.rays)
         });
         let mut rays = 0;
-        for (&(patch, _), (estimate, vector, own)) in list.iter().zip(more) {
+        for (&(patch, _), (estimate, unhidden, vector, own)) in list.iter().zip(more) {
             layer.estimates[patch as usize] = estimate;
+            if let Some(unhidden) = unhidden {
+                layer.unhidden[patch as usize] = unhidden;
+            }
             if let Some(vector) = vector {
                 layer.vectors[patch as usize] = vector;
             }
@@ -181,27 +212,32 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
         rays
     }
 
-    fn sums(&self, look: &mut Look<'a>, kind: Kind, patch: usize, range: core::ops::Range<u32>) -> [Half; 2] {
+    fn sums(&self, look: &mut Look<'a>, kind: Kind, patch: usize, range: core::ops::Range<u32>) -> Sums {
         match kind {
             Kind::Each => {
                 let edges = self.hard.edges[patch];
                 let hard = self.emitters.hard.iter().enumerate().filter(|(k, _)| edges >> k & 1 == 1).map(|(_, l)| l);
                 let lights: Vec<_> = hard.chain(&self.emitters.suns).collect();
-                self.sampled(look, kind, patch, range, |look, place, _, u| {
+                let sums = self.sampled(look, kind, patch, range, |look, place, _, u| {
                     lights.iter().map(|l| look.light(place, l, u)).fold(Lit::default(), |a, b| a + b)
-                })
+                });
+                (sums, Rgb::ZERO)
             }
             Kind::Finite => {
                 let site = look.site(patch);
                 let mut cut = self.common.cut(self.emitters, patch, &site);
                 if cut.is_empty() {
-                    return [Half::default(); 2];
+                    return Sums::default();
                 }
-                self.sampled(look, kind, patch, range, |look, place, pick, u| look.finite(place, &mut cut, pick, u))
+                let known = range.start == 0 && !cut.is_close && !self.emitters.even_pieces().is_empty();
+                let all = if known { look.unhidden(patch, &site) } else { Rgb::ZERO };
+                let finite = |look: &mut Look<'a>, place: &Place, pick, u| look.finite(place, &mut cut, pick, u);
+                (self.sampled(look, kind, patch, range, finite), all)
             }
             Kind::Infinity => {
                 let rays = self.settings.gather_rays;
-                self.sampled(look, kind, patch, range, |look, place, pick, u| look.infinity(place, pick, u, rays))
+                let sky = |look: &mut Look<'a>, place: &Place, pick, u| look.infinity(place, pick, u, rays);
+                (self.sampled(look, kind, patch, range, sky), Rgb::ZERO)
             }
         }
     }

@@ -14,6 +14,7 @@ use super::piece::Piece;
 use super::punctual;
 use super::site::Site;
 use super::tree::{Cut, Tree};
+use super::unhidden::MOST_PIECES;
 use crate::base::Rgb;
 use crate::base::color::luminance;
 use crate::scene::{Light, Scene};
@@ -33,6 +34,8 @@ const CLOSE: f32 = 1.0 / 16.0;
 #[derive(Debug, Default)]
 pub struct Emitters {
     pieces: Vec<Piece>,
+    /// They are few and glow evenly, so that what all of them bring has a closed form.
+    even: bool,
     /// Number of emissive triangles.
     triangles: usize,
     /// Point and spot lights in the tree; their leaves follow those of the pieces.
@@ -96,8 +99,10 @@ impl Emitters {
         let bulbs: Vec<Light> = bulbs.into_iter().cloned().collect();
         let bounds: Vec<Bounds> =
             pieces.iter().map(piece_bounds).chain(bulbs.iter().filter_map(punctual::bounds)).collect();
+        let is_even = |p: &Piece| p.solid && scene.material(p.triangle).emission_texture.is_none();
         Self {
             triangles: triangles.len(),
+            even: pieces.len() <= MOST_PIECES && pieces.iter().all(is_even),
             tree: Tree::new(&bounds),
             suns: soft_suns.into_iter().cloned().chain(beyond).collect(),
             infinity: if keep(Source::Infinity) { Infinity::new(scene) } else { Infinity::none() },
@@ -112,6 +117,11 @@ impl Emitters {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.pieces.is_empty()
+    }
+
+    /// The pieces, if they are few and glow evenly.
+    pub(super) fn even_pieces(&self) -> &[Piece] {
+        if self.even { &self.pieces } else { &[] }
     }
 
     /// Number of emissive triangles.

@@ -10,6 +10,8 @@ pub(super) struct Lit {
     pub(super) all: Rgb,
     /// Part of it that the final gather finds, too.
     pub(super) gathered: Rgb,
+    /// What emissive surfaces would bring if nothing were in between [lx].
+    pub(super) unhidden: Rgb,
     /// Light vector of the rest, if it is asked for [lx].
     pub(super) vector: LightVector,
 }
@@ -24,13 +26,23 @@ impl Lit {
 impl Add for Lit {
     type Output = Self;
     fn add(self, o: Self) -> Self {
-        Self { all: self.all + o.all, gathered: self.gathered + o.gathered, vector: self.vector + o.vector }
+        Self {
+            all: self.all + o.all,
+            gathered: self.gathered + o.gathered,
+            unhidden: self.unhidden + o.unhidden,
+            vector: self.vector + o.vector,
+        }
     }
 }
 
 impl Div<f32> for Lit {
     type Output = Self;
     fn div(self, k: f32) -> Self {
-        Self { all: self.all / k, gathered: self.gathered / k, vector: self.vector * k.recip() }
+        Self {
+            all: self.all / k,
+            gathered: self.gathered / k,
+            unhidden: self.unhidden / k,
+            vector: self.vector * k.recip(),
+        }
     }
 }

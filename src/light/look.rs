@@ -147,7 +147,7 @@ impl<'a> Look<'a> {
         } else {
             LightVector::default()
         };
-        Lit { all, gathered, vector }
+        Lit { all, gathered, unhidden: Rgb::ZERO, vector }
     }
 
     /// What a light brings.
@@ -199,12 +199,12 @@ impl<'a> Look<'a> {
         let target = self.tracer.leave(&piece.ground, s.b, -s.direction);
         self.rays += 1;
         let ray = Ray { origin, direction: target - origin, t_max: 1.0 };
-        let unblocked = self.tracer.unblocked(&ray);
+        let (unblocked, unhidden) = (self.tracer.unblocked(&ray), s.weighted * cosine);
         if unblocked == Rgb::ZERO {
-            return Lit::default();
+            return Lit { unhidden, ..Lit::default() };
         }
         let share = if shared { balance(s.density, cosine) } else { 1.0 };
-        self.lit(place, s.direction, s.weighted * unblocked * (cosine * share), Rgb::ZERO)
+        Lit { unhidden, ..self.lit(place, s.direction, unhidden * unblocked * share, Rgb::ZERO) }
     }
 
     /// The share of a ray by cosine in the light of the emitters: where one fills much of the view, its pieces are hard

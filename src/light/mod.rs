@@ -25,6 +25,7 @@ pub mod shoot;
 mod site;
 mod slope;
 mod tree;
+mod unhidden;
 
 pub use direct::{Direct, direct};
 pub use emitters::{Emitters, Source};

@@ -87,6 +87,16 @@ impl Piece {
         (piece.area > 0.0 && piece.radiance.is_finite()).then_some(piece)
     }
 
+    /// No point of it is closer to a position [m].
+    pub(super) fn distance(&self, position: Vec3) -> f32 {
+        self.centroid.distance(position) - self.far.sqrt() / FAR
+    }
+
+    /// Mean emission [cd/m²].
+    pub(super) fn mean(&self) -> Rgb {
+        self.mean
+    }
+
     /// Flux [lm].
     pub(super) fn flux(&self) -> Rgb {
         self.mean * self.flux_per_radiance()

@@ -148,3 +148,41 @@ fn what_both_ways_find_adds_up() {
         assert!((value - 0.5).abs() < 2.5e-3, "{height}: {value}");
     }
 }
+
+/// Squares of one metre that face each other, so far apart [m]: how much of what one sends out the other gets.
+fn facing(distance: f64) -> f64 {
+    let x = 1.0 / distance;
+    let root = (1.0 + x * x).sqrt();
+    let log = ((1.0 + x * x) / (1.0 + 2.0 * x * x).sqrt()).ln();
+    2.0 / (core::f64::consts::PI * x * x) * (log + 2.0 * x * root * (x / root).atan() - 2.0 * x * x.atan())
+}
+
+#[test]
+fn lamps_that_nothing_hides_leave_no_noise() {
+    let lamp = square(Vec3::new(-0.5, 3.0, -0.5), Vec3::X, Vec3::Z);
+    let (value, apart) = seen_from_below(&below(1.0, &lamp), 8);
+    assert!((value / facing(3.0) - 1.0).abs() < 1e-4, "{value}, should be {}", facing(3.0));
+    assert!(apart < 1e-6, "halves apart by {apart}");
+}
+
+/// Few samples of the border of a shadow are as bright as many, in the mean over texels and seeds.
+#[test]
+fn what_hides_a_part_of_a_lamp_makes_few_samples_no_darker() {
+    let mut all = square(Vec3::new(-0.5, 0.0, -0.5), Vec3::Z, Vec3::X).to_vec();
+    all.extend(square(Vec3::new(0.0, 1.0, -1.0), Vec3::X * 2.0, Vec3::Z * 2.0));
+    all.extend(square(Vec3::new(-0.5, 3.0, -0.5), Vec3::X, Vec3::Z));
+    let mut scene = support::scene_from_triangles(&all);
+    split(&mut scene, 4);
+    let stage = Stage::new(&scene, 10.0);
+    let floor: Vec<usize> = (0..stage.patches.front).filter(|&i| stage.patches.position[i].y < 0.01).collect();
+    let mean = |samples: u32, seed: u64| {
+        let halves = stage.direct_halves(samples, seed).halves;
+        let sum = |half: &[Rgb]| floor.iter().map(|&i| f64::from(half[i].x)).fold(0.0, |a, b| a + b);
+        sum(&halves[0]) + sum(&halves[1])
+    };
+    let many = mean(4096, 1);
+    let few: Vec<f64> = (0..40).map(|seed| mean(8, seed) / many - 1.0).collect();
+    let off = few.iter().fold(0.0, |a, b| a + b) / 40.0;
+    let spread = (few.iter().map(|v| (v - off).powi(2)).fold(0.0, |a, b| a + b) / 39.0 / 40.0).sqrt();
+    assert!(off.abs() < 3.0 * spread + 1e-3, "{off} ± {spread}");
+}

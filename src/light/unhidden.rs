@@ -1,0 +1,156 @@
+//! Light of emissive surfaces as if nothing were in between, in closed form, to take the noise out of samples of it.
+//!
+//! In: a texel. Out: its irradiance by all pieces [lx], where that is cheap and sure; see [`share`] for what it is good for.
+//!
+//! Source: Lambert's formula for polygons, *Photometria*, 1760, as in Arvo, "Analytic Methods for Simulated Light
+//! Transport", 1995, §2; the ratio as in Heitz, Hill, McGuire, "Combining Analytic Direct Illumination and Stochastic
+//! Shadows", I3D 2018. Where we differ: the ratio is one of a texel's many samples, not of a blurred picture, and of each
+//! half by itself, so the difference of the halves still tells the error.
+//!
+//! Against Mitsuba (12,000 texels, six seeds), the squared error of a whole bake of office fell by 2 % with an eighth of the
+//! rays, by 8 % with a quarter, and by 11 % with `production` (two seeds), for 0.85 to 0.95 of the time of direct light; two
+//! rooms by 7 % and 4 %.
+//!
+//! Limits: few surfaces of even emission, and texels that face one way and that no emitter is close to.
+
+use super::look::Look;
+use super::piece::Piece;
+use super::site::Site;
+use crate::base::Rgb;
+use glam::DVec3;
+
+/// Pieces up to which all of them are looked at from a texel.
+pub(super) const MOST_PIECES: usize = 32;
+/// Cells per side of a texel, in the middles of which the formula is asked.
+const CELLS: u32 = 2;
+/// Distance from a piece in radii of the texel, from which on four points speak for all of the texel: within 0.1 %. Closer, light
+/// changes over it, and where surfaces touch, rounding puts points behind the one that lights them.
+const FAR: f32 = 16.0;
+/// Samples of a half from which on the ratio is better than the samples alone. By fewer, two halves that nothing hides by
+/// chance agree where they should not: NRMSE of office with an eighth of the rays was 3.9 instead of 3.5 % (four seeds).
+pub(super) const LEAST_SAMPLES: u32 = 4;
+/// Ratio of closed form and samples beyond which these say too little.
+const MOST_OFF: f32 = 2.0;
+
+/// What arrives of `all` that would if nothing were in between, by samples of what arrives and of what would [lx]. Where nothing
+/// hides anything, it is all, without noise; where a part is hidden, the noise of that alone is left. Its bias falls with
+/// the number of samples, and is none where hiding does not depend on the point of the emitter and of the texel.
+pub(super) fn share(all: Rgb, arrives: Rgb, would: Rgb) -> Rgb {
+    let one = |k: usize| {
+        let ratio = all[k] / would[k];
+        if (1.0 / MOST_OFF..=MOST_OFF).contains(&ratio) { arrives[k] * ratio } else { arrives[k] }
+    };
+    Rgb::new(one(0), one(1), one(2))
+}
+
+impl Look<'_> {
+    /// Irradiance of a patch by all pieces if nothing were in between [lx]; zero where it is not known.
+    pub(super) fn unhidden(&self, patch: usize, site: &Site) -> Rgb {
+        let pieces = self.emitters.even_pieces();
+        let is_far = |piece: &Piece| piece.distance(site.position) > FAR * site.radius;
+        if !site.flat || self.patches.exposed[patch] < 1.0 || !pieces.iter().all(is_far) {
+            return Rgb::ZERO;
+        }
+        let (mut sum, mut total) = (Rgb::ZERO, 0.0);
+        self.patches.cells(patch, CELLS, |point, _, area| {
+            let Site { position, normal, .. } = self.place(patch, point).site();
+            let (position, normal) = (position.as_dvec3(), normal.as_dvec3());
+            let light = pieces.iter().map(|piece| piece.irradiance(position, normal));
+            sum += light.fold(Rgb::ZERO, |a, b| a + b) * area;
+            total += area;
+        });
+        sum / total.max(f32::MIN_POSITIVE)
+    }
+}
+
+impl Piece {
+    /// Irradiance of a surface with this normal at a position by all of the piece, if it glows evenly [lx].
+    fn irradiance(&self, position: DVec3, normal: DVec3) -> Rgb {
+        let corners = self.corners.map(|c| c.as_dvec3() - position);
+        if !self.two_sided && corners[0].dot(self.normal.as_dvec3()) >= 0.0 {
+            return Rgb::ZERO;
+        }
+        self.mean() * (0.5 * vector(corners, normal).abs()) as f32
+    }
+}
+
+/// Twice the cosine-weighted solid angle of what of a triangle is above the horizon, signed by its sense of rotation.
+fn vector(corners: [DVec3; 3], normal: DVec3) -> f64 {
+    let height = corners.map(|c| c.dot(normal));
+    let (mut sum, mut first, mut last) = (0.0, None, None);
+    let mut to = |point: DVec3| {
+        sum += last.map_or(0.0, |from| edge(from, point).dot(normal));
+        first = first.or(Some(point));
+        last = Some(point);
+    };
+    for (i, j) in [(0, 1), (1, 2), (2, 0)] {
+        if height[i] > 0.0 {
+            to(corners[i]);
+        }
+        if (height[i] > 0.0) != (height[j] > 0.0) {
+            to(corners[i] + (corners[j] - corners[i]) * (height[i] / (height[i] - height[j])));
+        }
+    }
+    sum + first.zip(last).map_or(0.0, |(first, last)| edge(last, first).dot(normal))
+}
+
+/// The angle between two directions, along their common normal.
+fn edge(a: DVec3, b: DVec3) -> DVec3 {
+    let cross = a.cross(b);
+    let sine = cross.length();
+    if sine > 0.0 { cross * (libm::atan2(sine, a.dot(b)) / sine) } else { DVec3::ZERO }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::random::{Stage, Stream};
+    use crate::base::warp;
+    use core::f64::consts::PI;
+    use glam::Vec2;
+
+    #[test]
+    fn a_triangle_lights_as_much_as_directions_to_it_do() {
+        let mut s = Stream::new(9, Stage::Light, 0, 0);
+        for case in 0..12 {
+            // Some reach below the horizon.
+            let corner =
+                |s: &mut Stream| DVec3::from([0; 3].map(|_| f64::from(s.next_f32()) * 2.0 - 1.0)) + DVec3::Z * 0.4;
+            let corners = [corner(&mut s), corner(&mut s), corner(&mut s)];
+            let turn = corners[0].dot(corners[1].cross(corners[2]));
+            let (n, mut sum, mut square) = (40_000, 0.0, 0.0);
+            for _ in 0..n {
+                let direction = warp::square_to_cosine_hemisphere(Vec2::new(s.next_f32(), s.next_f32())).as_dvec3();
+                let [ab, bc, ca] = [(0, 1), (1, 2), (2, 0)].map(|(i, j)| corners[i].cross(corners[j]).dot(direction));
+                let value = if [ab, bc, ca].iter().all(|side| side * turn > 0.0) { PI } else { 0.0 };
+                (sum, square) = (sum + value, square + value * value);
+            }
+            let mean = sum / f64::from(n);
+            let sigma = ((square / f64::from(n) - mean * mean) / f64::from(n)).sqrt().max(1e-4);
+            let exact = 0.5 * vector(corners, DVec3::Z).abs();
+            assert!((mean - exact).abs() < 4.0 * sigma, "case {case}: {mean} ± {sigma}, {exact}");
+        }
+    }
+
+    #[test]
+    fn what_is_below_the_horizon_gives_nothing_and_halves_add_up() {
+        let below = [DVec3::new(1.0, 0.0, -0.1), DVec3::new(0.0, 1.0, -0.2), DVec3::new(0.0, 0.0, -1.0)];
+        assert_eq!(vector(below, DVec3::Z), 0.0);
+        let [a, b, c] = [DVec3::new(-1.0, 0.0, 1.0), DVec3::new(1.0, 0.5, -0.5), DVec3::new(0.0, 2.0, 1.0)];
+        let middle = (a + b) * 0.5;
+        let whole = vector([a, b, c], DVec3::Z);
+        let parts = vector([a, middle, c], DVec3::Z) + vector([middle, b, c], DVec3::Z);
+        assert!((whole - parts).abs() < 1e-12, "{whole} {parts}");
+    }
+
+    #[test]
+    fn ratios_stay_within_reason() {
+        let rgb = Rgb::splat;
+        assert_eq!(share(rgb(2.0), rgb(1.5), rgb(1.5)), rgb(2.0));
+        assert_eq!(share(rgb(2.0), rgb(0.0), rgb(1.5)), rgb(0.0));
+        for would in [0.0, 0.5, 9.0, f32::NAN] {
+            assert_eq!(share(rgb(2.0), rgb(0.4), rgb(would)), rgb(0.4));
+        }
+        assert_eq!(share(Rgb::ZERO, rgb(0.4), rgb(0.4)), rgb(0.4));
+    }
+}
