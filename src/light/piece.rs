@@ -87,9 +87,10 @@ impl Piece {
         (piece.area > 0.0 && piece.radiance.is_finite()).then_some(piece)
     }
 
-    /// No point of it is closer to a position [m].
+    /// Distance of the box around it from a position [m].
     pub(super) fn distance(&self, position: Vec3) -> f32 {
-        self.centroid.distance(position) - self.far.sqrt() / FAR
+        let [a, b, c] = self.corners;
+        position.distance(position.clamp(a.min(b).min(c), a.max(b).max(c)))
     }
 
     /// Mean emission [cd/m²].
