@@ -3,7 +3,7 @@
 //! In: a texel. Out: its irradiance by all pieces [lx], where that is cheap and sure; see [`share`] for what it is good for.
 //!
 //! Source: Lambert's formula for polygons, *Photometria*, 1760, as in Arvo, "Analytic Methods for Simulated Light
-//! Transport", 1995, §2; the ratio as in Heitz, Hill, McGuire, "Combining Analytic Direct Illumination and Stochastic
+//! Transport", 1995, §2; the ratio as in Heitz et al., "Combining Analytic Direct Illumination and Stochastic
 //! Shadows", I3D 2018. Where we differ: the ratio is one of a texel's many samples, not of a blurred picture, and of each
 //! half by itself, so the difference of the halves still tells the error.
 //!
