@@ -8,7 +8,6 @@ mod crosscheck_env;
 mod gltf_builder;
 
 use gltf_builder::Builder;
-use serde_json::json;
 use std::path::Path;
 use texelwalk::base::Stream;
 use texelwalk::base::random::Stage;
@@ -16,15 +15,7 @@ use texelwalk::scene::{Class, Error, Scene, Settings, load_bytes};
 
 /// A square whose base colour is an image of DDS.
 fn square(dds: &[u8]) -> Builder {
-    let mut b = Builder::square(
-        json!({"name": "Wood", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicFactor": 0}}),
-    );
-    let view = b.view(dds, json!({}));
-    let image = b.push("images", json!({"bufferView": view, "mimeType": "image/vnd-ms.dds"}));
-    b.push("textures", json!({"extensions": {"MSFT_texture_dds": {"source": image}}}));
-    b.json["extensionsUsed"] = json!(["MSFT_texture_dds"]);
-    b.json["extensionsRequired"] = json!(["MSFT_texture_dds"]);
-    b
+    Builder::textured(dds, "image/vnd-ms.dds", "MSFT_texture_dds")
 }
 
 fn read(dds: &[u8]) -> Result<Scene, Error> {

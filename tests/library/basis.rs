@@ -21,15 +21,7 @@ fn file(name: &str) -> PathBuf {
 
 /// A square whose base colour is an image of KTX2.
 fn square(ktx2: &[u8]) -> Builder {
-    let mut b = Builder::square(
-        json!({"name": "Wood", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicFactor": 0}}),
-    );
-    let view = b.view(ktx2, json!({}));
-    let image = b.push("images", json!({"bufferView": view, "mimeType": "image/ktx2"}));
-    b.push("textures", json!({"extensions": {"KHR_texture_basisu": {"source": image}}}));
-    b.json["extensionsUsed"] = json!(["KHR_texture_basisu"]);
-    b.json["extensionsRequired"] = json!(["KHR_texture_basisu"]);
-    b
+    Builder::textured(ktx2, "image/ktx2", "KHR_texture_basisu")
 }
 
 fn read(ktx2: &[u8]) -> Result<Scene, Error> {

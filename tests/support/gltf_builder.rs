@@ -27,6 +27,19 @@ impl Builder {
         b
     }
 
+    /// [`Builder::square`] whose base colour is an image that only an extension can name, which is required.
+    pub(crate) fn textured(image: &[u8], mime_type: &str, extension: &str) -> Self {
+        let mut b = Self::square(
+            json!({"name": "Wood", "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicFactor": 0}}),
+        );
+        let view = b.view(image, json!({}));
+        let image = b.push("images", json!({"bufferView": view, "mimeType": mime_type}));
+        b.push("textures", json!({"extensions": {extension: {"source": image}}}));
+        b.json["extensionsUsed"] = json!([extension]);
+        b.json["extensionsRequired"] = json!([extension]);
+        b
+    }
+
     /// A square in the xy plane from (0,0) to (1,1), `TEXCOORD_0` = (x, y), two triangles, material 0, node 0.
     pub(crate) fn square(material: Value) -> Self {
         let mut b = Self::new();
