@@ -15,7 +15,7 @@ use super::lit::Lit;
 use super::look::{Look, Place};
 use super::neighbors::Neighbors;
 use super::slope::Moments;
-use super::unhidden::{self, share};
+use super::unhidden::Unhidden;
 use super::{Emitters, Settings};
 use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, Stream, mix};
@@ -26,6 +26,9 @@ use glam::Vec2;
 
 /// Fractional part of the golden ratio: its multiples spread the choice of emitter against the other dimensions.
 pub(super) const GOLDEN: f64 = 0.618_033_988_749_894_9;
+
+/// Patches whose new estimates are held beside the old ones.
+const AT_ONCE: usize = 1 << 18;
 
 /// Direct light of all patches, fronts and backs.
 #[derive(Debug, Default)]
@@ -73,17 +76,6 @@ struct Layer {
     unhidden: Vec<Unhidden>,
     /// Light vectors without what the gather finds [lx]; empty if they are not wanted.
     vectors: Vec<LightVector>,
-}
-
-/// Light of emissive surfaces on a patch [lx].
-#[derive(Debug, Clone, Copy, Default)]
-struct Unhidden {
-    /// If nothing were in between; zero if that is not known.
-    all: Rgb,
-    /// The same by the samples of the halves.
-    would: [Rgb; 2],
-    /// What of that arrived.
-    arrived: [Rgb; 2],
 }
 
 struct Context<'a, L> {
@@ -174,6 +166,10 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
 
     /// Gives patches of a list as many samples per half as it says; the number of rays.
     fn extend(&self, layer: &mut Layer, list: &[Allotment], progress: &Progress) -> u64 {
+        list.chunks(AT_ONCE).map(|some| self.extend_some(layer, some, progress)).sum()
+    }
+
+    fn extend_some(&self, layer: &mut Layer, list: &[Allotment], progress: &Progress) -> u64 {
         let old = &layer.estimates;
         let more = parallel::map_watched(list.len(), progress, |k| {
             let (patch, samples) = (list[k].0 as usize, list[k].1);
@@ -187,8 +183,7 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
                 arrived: [0, 1].map(|h| mean(known.arrived[h], sums[h].0.all)),
             });
             let halves = [0, 1].map(|h| match &unhidden {
-                Some(known) if samples >= unhidden::LEAST_SAMPLES => share(known.all, known.arrived[h], known.would[h]),
-                Some(known) => known.arrived[h],
+                Some(known) => known.light(h, samples),
                 None => mean(before.halves[h], sums[h].0.all),
             });
             let gathered = [0, 1].map(|h| mean(before.gathered[h], sums[h].0.gathered));
