@@ -12,7 +12,7 @@
 
 use super::Segment;
 use super::arrange::Shape;
-use super::find::MARGIN;
+use super::find::{MARGIN, part_on};
 use super::mesh::{GRID, Mesh};
 use super::plane::{Plane, along, clip, weights};
 use crate::base::{Sets, parallel};
@@ -237,9 +237,10 @@ impl<'a> Region<'a> {
         let within = met.into_iter().map(|(from, to, t)| (from.max(low), to.min(high), t));
         let kept = within.filter(|(from, to, _)| to - from > self.tolerance);
         kept.filter_map(|(from, to, t)| {
-            let (own, _) = mesh.flat(t)?;
+            let (own, flat) = mesh.flat(t)?;
             let world = |x: f64| -> DVec3 { self.plane.point(line[0] + direction * x) };
-            Some((t, [own.at(world(from)), own.at(world(to))]))
+            let part = part_on(flat, [from, to].map(|x| own.at(world(x))), self.tolerance)?;
+            Some((t, part))
         })
         .collect()
     }

@@ -19,6 +19,9 @@ const FACING: f64 = -0.98;
 /// How far lines may reach beyond a triangle, in tolerances: less than one, so that ends out there move to its sides.
 pub(super) const MARGIN: f64 = 0.5;
 
+/// Length of a line up to which it is none, in tolerances.
+const SHORT: f64 = 2.0;
+
 /// Contacts with the front of a triangle, clipped to it.
 pub(super) fn contacts(tracer: &Tracer<'_>, mesh: &Mesh<'_>, triangle: u32, tolerance: f64) -> Vec<Segment> {
     if !mesh.is_cut(triangle) {
@@ -40,8 +43,33 @@ pub(super) fn contacts(tracer: &Tracer<'_>, mesh: &Mesh<'_>, triangle: u32, tole
     near.dedup();
     let own = Own { mesh, triangle, plane, tolerance };
     let lines = near.into_iter().flat_map(|other| own.lines(other));
-    let clipped = lines.filter_map(|[a, b]| clip(flat, [plane.at(a), plane.at(b)], MARGIN * tolerance));
-    clipped.filter(|[a, b]: &[DVec2; 2]| a.distance(*b) > 2.0 * tolerance).collect()
+    lines.filter_map(|[a, b]| part_on(flat, [plane.at(a), plane.at(b)], tolerance)).collect()
+}
+
+/// The part of a line that lies on a triangle, or along a side of it and at most [`MARGIN`] beyond.
+///
+/// Beyond a side that a line crosses, it is none: both triangles at the side then find one point there. Moved to the side from
+/// beyond it, the points of the two lay up to a millimetre apart, with needles as long as the face between them. Where a line
+/// along the top of a face touches the lower half of it in a corner, the same made a needle of what was within the margin
+/// (office: 449 of 6,752 triangles, and charts of 0.4 m × 0.05 mm).
+pub(super) fn part_on(flat: [DVec2; 3], line: Segment, tolerance: f64) -> Option<Segment> {
+    let margin = MARGIN * tolerance;
+    let long = |[a, b]: Segment| a.distance(b) > SHORT * tolerance;
+    let beside = |part: Segment| long(part) && is_beside(flat, part, margin);
+    let [a, b] = clip(flat, line, margin)?;
+    let Some([p, q]) = clip(flat, line, 0.0).filter(|part| long(*part)) else {
+        return beside([a, b]).then_some([a, b]);
+    };
+    Some([if beside([a, p]) { a } else { p }, if beside([q, b]) { b } else { q }])
+}
+
+/// Some side of a triangle is as near to both ends of a line, up to half the margin.
+fn is_beside(flat: [DVec2; 3], line: Segment, margin: f64) -> bool {
+    (0..3).any(|k| {
+        let inward = (flat[(k + 1) % 3] - flat[k]).perp().normalize_or_zero();
+        let [c, d] = line.map(|p| (p - flat[k]).dot(inward));
+        c.abs().max(d.abs()) <= 2.0 * margin && (c - d).abs() <= 0.5 * margin
+    })
 }
 
 /// The triangle that is looked at.
@@ -111,5 +139,44 @@ impl Own<'_> {
         let corners = self.mesh.corners(other);
         let flat = corners.iter().all(|p| self.plane.height(*p).abs() <= self.tolerance);
         flat && Plane::new(corners).is_some_and(|p| p.normal.dot(self.plane.normal) < FACING)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const TOLERANCE: f64 = 1e-4;
+
+    fn on(flat: [[f64; 2]; 3], line: [[f64; 2]; 2]) -> Option<Segment> {
+        part_on(flat.map(DVec2::from_array), line.map(DVec2::from_array), TOLERANCE)
+    }
+
+    #[test]
+    fn lines_end_where_they_cross_a_side_for_both_triangles_at_it() {
+        // The halves of a face, 2 cm wide and 1 m high, and a line across them.
+        let [low, high] = [[[0.0, 0.0], [0.02, 0.0], [0.02, 1.0]], [[0.0, 0.0], [0.02, 1.0], [0.0, 1.0]]];
+        let across = [[-1.0, 0.4], [1.0, 0.4]];
+        let [[p, q], [r, s]] = [low, high].map(|half| on(half, across).unwrap());
+        assert!(p.distance(s) < 1e-12 && p.distance(DVec2::new(0.008, 0.4)) < 1e-12, "{p} {s}");
+        assert!(q.distance(DVec2::new(0.02, 0.4)) < 1e-12 && r.distance(DVec2::new(0.0, 0.4)) < 1e-12);
+        // Along the top: the lower half has but a corner of it.
+        let top = [[-1.0, 1.0], [1.0, 1.0]];
+        assert_eq!(on(low, top), None);
+        assert!(on(high, top).is_some_and(|[a, b]| (a.distance(b) - 0.02).abs() < 2.0 * TOLERANCE));
+    }
+
+    #[test]
+    fn lines_along_a_side_count_within_the_margin() {
+        let flat = [[0.0, 0.0], [2.0, 0.0], [0.0, 1.0]];
+        for y in [-0.4, -1e-3, 0.0, 1e-3, 0.4] {
+            for slope in [0.0, 1e-3, -1e-3] {
+                let [a, b] = [y * TOLERANCE, (y + slope) * TOLERANCE];
+                let part = on(flat, [[0.5, a], [1.0, b]]);
+                assert!(part.is_some_and(|[a, b]| (a.distance(b) - 0.5).abs() < 1e-9), "{y} {slope}: {part:?}");
+            }
+        }
+        assert_eq!(on(flat, [[0.5, -0.6 * TOLERANCE], [1.0, -0.6 * TOLERANCE]]), None);
+        assert_eq!(on(flat, [[0.5, 0.5], [0.5, 0.5 + TOLERANCE]]), None);
     }
 }
