@@ -30,10 +30,12 @@ pub fn fill(patches: &Patches, lightmap: &mut Lightmap, mips: u32, padding: u32)
 }
 
 /// Fills anew what is not `kept` (numbers of texels, ascending) and not covered, or hidden. Texels between the two sides of a
-/// wall take light from those who read them ([`fill_hidden`]) alone: a mean of their neighbours would carry it through.
+/// wall take light from those who read them ([`fill_hidden`]) alone: a mean of their neighbours would carry it through. Those
+/// that nobody reads are grown like others: the rim of a chart that was black before its seams lit it stayed black otherwise.
 pub fn refill(patches: &Patches, lightmap: &mut Lightmap, mips: u32, padding: u32, kept: &[u32]) {
     fill_hidden(patches, lightmap, kept);
-    let unlit = patches.unlit.iter().map(|unlit| patches.texel_number(unlit.texel));
+    let read = patches.unlit.iter().filter(|unlit| unlit.weights != [0.0; 8]);
+    let unlit = read.map(|unlit| patches.texel_number(unlit.texel));
     let mut kept: Vec<u32> = kept.iter().copied().chain(unlit).collect();
     kept.sort_unstable();
     each(patches, lightmap, mips, padding, &kept);
@@ -153,6 +155,7 @@ fn may_take(to: u32, from: u32) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::patches::Unlit;
 
     /// Two charts of one row each, left of texel 8 and right of it.
     fn filled(mips: u32, rings: u32, kept: &[u32], edit: impl Fn(&mut Page)) -> Page {
@@ -203,5 +206,22 @@ mod tests {
         assert_eq!((at(&page, 5, 6), at(&page, 4, 6)), (3.0, 1.0));
         assert!(at(&page, 5, 5) > 1.0 && at(&page, 5, 5) < 3.0);
         assert_eq!((at(&page, 1, 7), at(&page, 1, 6)), (9.0, 9.0), "beside a covered texel that changed");
+    }
+    #[test]
+    fn hidden_texels_that_nobody_reads_grow_anew_and_others_keep_what_their_readers_gave() {
+        let unlit =
+            |x: u32, weight: f32| Unlit { texel: [0, x, 6], weights: [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, weight, 0.0] };
+        let mut patches = Patches::default();
+        patches.page_size = [32, 16];
+        patches.unlit = vec![unlit(3, 0.0), unlit(13, 0.1)];
+        // Both charts were black, and their seams lit them.
+        let mut page = filled(0, 1, &[], |_| ());
+        page.pixels.iter_mut().filter(|p| p[3] == 0.0).for_each(|p| *p = [0.0; 4]);
+        page.pixels[7 * 32 + 13][0] = 7.0;
+        let mut lightmap = Lightmap { pages: vec![page] };
+        refill(&patches, &mut lightmap, 0, 1, &[]);
+        let page = &lightmap.pages[0];
+        assert_eq!([at(page, 3, 6), at(page, 4, 6)], [1.0, 1.0]);
+        assert_eq!(at(page, 13, 6), 7.0, "the light of the one that reads it");
     }
 }
