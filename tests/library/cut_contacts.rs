@@ -52,6 +52,22 @@ fn area_is_kept_and_no_cracks_open() {
     }
 }
 
+/// Twice the area over the longest side [m].
+fn height(scene: &Scene, triangle: u32) -> f64 {
+    let [a, b, c] = scene.corners(triangle).map(|p| p.as_dvec3());
+    let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
+    (b - a).cross(c - a).length() / longest
+}
+
+#[test]
+fn lines_that_cross_a_diagonal_or_touch_a_corner_make_no_needles() {
+    for name in ["office/office.glb", "courtyard/courtyard.gltf", "two-rooms/two-rooms.glb", "chairs/chairs.glb"] {
+        let after = contacts::cut(solve::load(name), &SETTINGS);
+        let thin = (0..after.triangles.len() as u32).map(|t| height(&after, t)).filter(|height| *height < 1e-4);
+        assert_eq!(thin.count(), 0, "{name}");
+    }
+}
+
 #[test]
 fn the_result_does_not_depend_on_threads() {
     let cut = |threads: usize| {
