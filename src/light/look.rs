@@ -35,7 +35,7 @@ pub(super) struct Place {
     lift: Option<Lift>,
     b: Vec2,
     /// What is at a finite distance is seen from here.
-    position: Vec3,
+    pub(super) position: Vec3,
     normal: Vec3,
     geometric: Vec3,
 }

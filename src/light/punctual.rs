@@ -36,6 +36,16 @@ pub(super) fn is_soft(light: &Light) -> bool {
     }
 }
 
+/// The light stands within `reach` [m] of a position.
+pub(super) fn is_near(light: &Light, position: Vec3, reach: f32) -> bool {
+    match *light {
+        Light::Sun { .. } => false,
+        Light::Point { position: at, .. } | Light::Spot { position: at, .. } | Light::Profiled { position: at, .. } => {
+            at.distance_squared(position) < reach * reach
+        }
+    }
+}
+
 /// Largest intensity [cd], or illuminance [lx].
 pub(super) fn power(light: &Light) -> Rgb {
     match *light {

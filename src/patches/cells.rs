@@ -9,6 +9,9 @@ use glam::{DVec2, Vec2};
 /// Cells per side of the exposure mask.
 pub(super) const MASK_GRID: u32 = 8;
 
+/// Distance of the points of Gauss's rule with two points from the middle of an interval of length 1: 1/√12.
+const GAUSS: f64 = 0.288_675_134_594_812_9;
+
 /// The cell of an n × n grid that a point in texel coordinates lies in, row by row.
 pub(super) fn cell_index(point: DVec2, n: u32) -> usize {
     let cell = |v: f64| ((v * f64::from(n)) as u32).min(n - 1);
@@ -80,6 +83,25 @@ impl Patches {
                     visit(point, centroid.as_vec2(), area);
                 }
             });
+        }
+    }
+
+    /// Calls `visit(point, within, area)` at four points of a texel that one triangle fills and nothing hides, those of
+    /// Gauss's rule: exact for cubic functions, where centroids of as many cells leave out a quarter of what curvature does
+    /// (below a point light two texels off the plane 1.4 %; these 0.12 %). Other texels: as [`Self::cells`], 2 × 2.
+    pub fn quarters(&self, patch: usize, mut visit: impl FnMut(SurfacePoint, Vec2, f32)) {
+        let front = self.front_patch(patch);
+        let range = self.fragments.range(front);
+        let whole = range.len() == 1 && self.fragments.covered[range.start] > 0.999_999;
+        if !whole || self.mask[patch] != u64::MAX {
+            return self.cells(patch, 2, visit);
+        }
+        let triangle = self.fragments.triangle(front, range.start);
+        let map = self.map(triangle, front);
+        let side = |far: bool| 0.5 + if far { GAUSS } else { -GAUSS };
+        for k in 0..4 {
+            let within = DVec2::new(side(k % 2 == 1), side(k / 2 == 1));
+            visit(SurfacePoint { triangle, b: map.weights(within) }, within.as_vec2(), 0.25);
         }
     }
 

@@ -63,6 +63,39 @@ fn point_light_on_a_plane_at_texel_centres() {
     }
 }
 
+/// Mean over a texel of I h/d³ by 64 × 64 points: a point light over a plane y = 0.
+fn mean_over_texel(light: Vec3, middle: Vec3, edge: f64) -> f64 {
+    const POINTS: u32 = 64;
+    let at = |k: u32| (f64::from(k) + 0.5) / f64::from(POINTS) - 0.5;
+    let to = (light - middle).as_dvec3();
+    let each = (0..POINTS * POINTS).map(|k| {
+        let [x, z] = [at(k % POINTS), at(k / POINTS)].map(|offset| edge * offset);
+        to.y / (to - glam::DVec3::new(x, 0.0, z)).length().powi(3)
+    });
+    each.sum::<f64>() / f64::from(POINTS * POINTS)
+}
+
+#[test]
+fn point_light_near_a_plane_is_the_mean_over_each_texel() {
+    // Texels of an eighth of a metre; the light stands at 0.8, 2 and 4 of them.
+    for (height, most) in [(0.1, 0.02), (0.25, 0.0015), (0.5, 0.0005)] {
+        let mut scene = support::scene_from_triangles(&square(Vec3::ZERO, Vec3::Z * 2.0, Vec3::X * 2.0));
+        let light = Vec3::new(0.7, height, 1.1);
+        scene.lights.push(Light::Point { position: light, intensity: Rgb::ONE, range: f32::INFINITY, radius: 0.0 });
+        let stage = Stage::new(&scene, 8.0);
+        let direct = stage.direct(64);
+        for (i, e) in direct.iter().enumerate().filter(|(i, _)| stage.patches.covered(*i) > 0.999) {
+            let middle = stage.patches.position[i];
+            let expected = mean_over_texel(light, middle, f64::from(stage.patches.texel_edge(i)));
+            // Texels along the diagonal have two triangles, and cells.
+            let cut = (middle.x - middle.z).abs() < 0.2;
+            let most = if cut { 10.0 * most } else { most };
+            let off = f64::from(e.x) / expected - 1.0;
+            assert!(off.abs() < most, "light at {height} m, patch {i} at {middle}: {off}");
+        }
+    }
+}
+
 #[test]
 fn sky_on_a_plane_and_on_a_box() {
     let plane = support::scene_from_triangles(&square(Vec3::ZERO, Vec3::Z * 3.0, Vec3::X * 3.0));
