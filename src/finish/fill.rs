@@ -30,12 +30,10 @@ pub fn fill(patches: &Patches, lightmap: &mut Lightmap, mips: u32, padding: u32)
 }
 
 /// Fills anew what is not `kept` (numbers of texels, ascending) and not covered, or hidden. Texels between the two sides of a
-/// wall take light from those who read them ([`fill_hidden`]) alone: a mean of their neighbours would carry it through. Those
-/// that nobody reads are grown like others: the rim of a chart that was black before its seams lit it stayed black otherwise.
+/// wall take light from those who read them ([`fill_hidden`]) alone: a mean of their neighbours would carry it through.
 pub fn refill(patches: &Patches, lightmap: &mut Lightmap, mips: u32, padding: u32, kept: &[u32]) {
     fill_hidden(patches, lightmap, kept);
-    let read = patches.unlit.iter().filter(|unlit| unlit.weights != [0.0; 8]);
-    let unlit = read.map(|unlit| patches.texel_number(unlit.texel));
+    let unlit = patches.unlit.iter().map(|unlit| patches.texel_number(unlit.texel));
     let mut kept: Vec<u32> = kept.iter().copied().chain(unlit).collect();
     kept.sort_unstable();
     each(patches, lightmap, mips, padding, &kept);
@@ -207,13 +205,14 @@ mod tests {
         assert!(at(&page, 5, 5) > 1.0 && at(&page, 5, 5) < 3.0);
         assert_eq!((at(&page, 1, 7), at(&page, 1, 6)), (9.0, 9.0), "beside a covered texel that changed");
     }
+
     #[test]
     fn hidden_texels_that_nobody_reads_grow_anew_and_others_keep_what_their_readers_gave() {
         let unlit =
             |x: u32, weight: f32| Unlit { texel: [0, x, 6], weights: [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, weight, 0.0] };
         let mut patches = Patches::default();
         patches.page_size = [32, 16];
-        patches.unlit = vec![unlit(3, 0.0), unlit(13, 0.1)];
+        patches.unlit = vec![unlit(13, 0.1)];
         // Both charts were black, and their seams lit them.
         let mut page = filled(0, 1, &[], |_| ());
         page.pixels.iter_mut().filter(|p| p[3] == 0.0).for_each(|p| *p = [0.0; 4]);

@@ -27,7 +27,7 @@ use glam::Vec2;
 /// Fractional part of the golden ratio: its multiples spread the choice of emitter against the other dimensions.
 pub(super) const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
-/// Patches whose new estimates are held beside the old ones.
+/// Patches whose new estimates are held beside the old ones: of all of a page of 8.8 million texels at once they took 0.9 GiB.
 const AT_ONCE: usize = 1 << 18;
 
 /// Direct light of all patches, fronts and backs.
@@ -169,6 +169,7 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
         list.chunks(AT_ONCE).map(|some| self.extend_some(layer, some, progress)).sum()
     }
 
+    /// The same for a part of a list.
     fn extend_some(&self, layer: &mut Layer, list: &[Allotment], progress: &Progress) -> u64 {
         let old = &layer.estimates;
         let more = parallel::map_watched(list.len(), progress, |k| {

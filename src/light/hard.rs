@@ -2,10 +2,10 @@
 //!
 //! Each light is evaluated at four points of the texel, which is exact for cubic functions (linear ones where its surface is
 //! cut, see `Patches::quarters`). A light is cut by an edge where these cells do not agree on it, and where a neighbouring
-//! texel's cells all say the opposite: then the edge runs between the points of the two, and takes up to a quarter of either. Glass has edges, too: they are
-//! where the share of light that passes differs by more than `LEAST_EDGE` (without this, texels cut by the shadow of a
-//! tinted pane were up to a quarter of the light off). Edges are left to the samples, and so are lights nearer than [`NEAR`],
-//! and all light on normal maps, which change faster than cells.
+//! texel's cells all say the opposite: then the edge runs between the points of the two, and takes up to a quarter of either.
+//! Glass has edges, too: they are where the share of light that passes differs by more than `LEAST_EDGE` (without this, texels
+//! cut by the shadow of a tinted pane were up to a quarter of the light off). Edges are left to the samples, and so are lights
+//! nearer than [`NEAR`], and all light on normal maps, which change faster than cells.
 
 use super::lit::Lit;
 use super::look::Look;

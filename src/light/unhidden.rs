@@ -1,6 +1,7 @@
 //! Light of emissive surfaces as if nothing were in between, in closed form, to take the noise out of samples of it.
 //!
-//! In: a texel. Out: its irradiance by all pieces [lx], where that is cheap and sure; see [`Unhidden::light`] for what it is good for.
+//! In: a texel. Out: its irradiance by all pieces [lx], where that is cheap and sure; see [`Unhidden::light`] for what it is
+//! good for.
 //!
 //! Source: Lambert's formula for polygons, *Photometria*, 1760, as in Arvo, "Analytic Methods for Simulated Light
 //! Transport", 1995, §2; the ratio as in Heitz et al., "Combining Analytic Direct Illumination and Stochastic

@@ -9,6 +9,9 @@ use glam::{DVec2, Vec2};
 /// Cells per side of the exposure mask.
 pub(super) const MASK_GRID: u32 = 8;
 
+/// Part of a texel from which on a fragment fills it, but for rounding.
+const WHOLE: f32 = 0.999_999;
+
 /// Distance of the points of Gauss's rule with two points from the middle of an interval of length 1: 1/√12.
 const GAUSS: f64 = 0.288_675_134_594_812_9;
 
@@ -91,12 +94,10 @@ impl Patches {
     /// (below a point light two texels off the plane 1.4 %; these 0.12 %). Other texels: as [`Self::cells`], 2 × 2.
     pub fn quarters(&self, patch: usize, mut visit: impl FnMut(SurfacePoint, Vec2, f32)) {
         let front = self.front_patch(patch);
-        let range = self.fragments.range(front);
-        let whole = range.len() == 1 && self.fragments.covered[range.start] > 0.999_999;
-        if !whole || self.mask[patch] != u64::MAX {
+        let Some(f) = self.sole_fragment(front).filter(|_| self.mask[patch] == u64::MAX) else {
             return self.cells(patch, 2, visit);
-        }
-        let triangle = self.fragments.triangle(front, range.start);
+        };
+        let triangle = self.fragments.triangle(front, f);
         let map = self.map(triangle, front);
         let side = |far: bool| 0.5 + if far { GAUSS } else { -GAUSS };
         for k in 0..4 {
@@ -105,11 +106,16 @@ impl Patches {
         }
     }
 
+    /// The fragment that fills all of a front patch's texel.
+    fn sole_fragment(&self, front: usize) -> Option<usize> {
+        let range = self.fragments.range(front);
+        (range.len() == 1 && self.fragments.covered[range.start] > WHOLE).then_some(range.start)
+    }
+
     /// Centroid of the exposed part of a front patch [texels from the texel's corner].
     pub(super) fn centroid_of(&self, front: usize) -> Vec2 {
         let (range, is_open) = (self.fragments.range(front), self.mask[front] == u64::MAX);
-        let whole = range.len() == 1 && self.fragments.covered[range.start] > 0.999_999;
-        if whole && is_open {
+        if is_open && self.sole_fragment(front).is_some() {
             return Vec2::splat(0.5);
         }
         let (mut sum, mut total) = (DVec2::ZERO, 0.0);
@@ -149,7 +155,7 @@ impl Patches {
         let map = self.map(triangle, front);
         let at = |c: DVec2| SurfacePoint { triangle, b: map.weights(c) };
         let side = 1.0 / f64::from(n);
-        if self.fragments.covered[f] > 0.999_999 {
+        if self.fragments.covered[f] > WHOLE {
             for k in 0..n * n {
                 let centroid = DVec2::new(f64::from(k % n) + 0.5, f64::from(k / n) + 0.5) * side;
                 visit(at(centroid), centroid, (side * side) as f32);

@@ -38,7 +38,7 @@ const FINEST: f64 = CELL / (1 << HALVINGS) as f64;
 pub struct Unlit {
     /// Page, column and row.
     pub texel: [u32; 3],
-    /// Weights of its neighbours, in the order of [`around`] [texel²]; all zero if none reads it.
+    /// Weights of its neighbours, in the order of [`around`] [texel²]; some are not zero.
     pub weights: [f32; 8],
 }
 
@@ -47,7 +47,7 @@ pub fn around() -> impl Iterator<Item = (i32, i32)> {
     (0..9).filter(|k| *k != 4).map(|k| (k % 3 - 1, k / 3 - 1))
 }
 
-/// All such texels, by page, column and row.
+/// All such texels that somebody reads, by page, column and row.
 pub(super) fn find(patches: &Patches, solids: Solids<'_>, walled: &[bool], progress: &Progress) -> Vec<Unlit> {
     let mut texels = beside_hidden(patches);
     texels.extend(cut_off(patches, solids, walled));
@@ -58,7 +58,8 @@ pub(super) fn find(patches: &Patches, solids: Solids<'_>, walled: &[bool], progr
     }));
     texels.sort_unstable();
     texels.dedup();
-    parallel::map_watched(texels.len(), progress, |k| unlit(patches, solids, texels[k]))
+    let found = parallel::map_watched(texels.len(), progress, |k| unlit(patches, solids, texels[k]));
+    found.into_iter().filter(|unlit| unlit.weights != [0.0; 8]).collect()
 }
 
 fn unlit(patches: &Patches, solids: Solids<'_>, texel: [u32; 3]) -> Unlit {

@@ -1,6 +1,6 @@
 //! Where solids touch: what lies face to face takes no light, and what is left of a texel takes all of its own.
 
-use crate::solve::{Stage, square};
+use crate::solve::{Stage, load, square};
 use crate::support;
 use glam::{Mat3, Vec2, Vec3};
 use texelwalk::base::Rgb;
@@ -131,4 +131,12 @@ fn the_open_strip_of_a_texel_gets_its_light() {
         }
     }
     assert!(strips >= 10, "{strips} partly open texels");
+}
+
+#[test]
+fn hidden_texels_that_nobody_reads_are_not_kept_from_being_filled() {
+    let scene = load("office/office.glb");
+    let unlit = Stage::new(&scene, 16.0).patches.unlit;
+    assert!(unlit.len() > 100, "{}", unlit.len());
+    assert!(unlit.iter().all(|texel| texel.weights.iter().any(|weight| *weight > 0.0)));
 }

@@ -56,7 +56,7 @@ fn area_is_kept_and_no_cracks_open() {
 fn height(scene: &Scene, triangle: u32) -> f64 {
     let [a, b, c] = scene.corners(triangle).map(|p| p.as_dvec3());
     let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
-    (b - a).cross(c - a).length() / longest
+    2.0 * scene.area(triangle) / longest
 }
 
 #[test]

@@ -63,7 +63,7 @@ fn point_light_on_a_plane_at_texel_centres() {
     }
 }
 
-/// Mean over a texel of I h/d³ by 64 × 64 points: a point light over a plane y = 0.
+/// Mean over a texel of h/d³ by 64 × 64 points: a point light of 1 cd over a plane y = 0.
 fn mean_over_texel(light: Vec3, middle: Vec3, edge: f64) -> f64 {
     const POINTS: u32 = 64;
     let at = |k: u32| (f64::from(k) + 0.5) / f64::from(POINTS) - 0.5;
