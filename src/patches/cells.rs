@@ -162,21 +162,7 @@ impl Patches {
             }
             return;
         }
-        let polygon = self.polygon(front, f).map(|c| c * f64::from(n));
-        for y in 0..n {
-            let row = polygon.slab(1, f64::from(y));
-            if row.corners().len() < 3 {
-                continue;
-            }
-            for x in 0..n {
-                let cell = row.slab(0, f64::from(x));
-                let area = cell.area();
-                if area > 1e-9 {
-                    let centroid = cell.centroid() * side;
-                    visit(at(centroid), centroid, (area * side * side) as f32);
-                }
-            }
-        }
+        self.polygon(front, f).each_cell(n, |area, centroid| visit(at(centroid), centroid, area as f32));
     }
 }
 

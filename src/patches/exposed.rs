@@ -16,6 +16,7 @@
 use super::behind::{self, Sheets, span};
 use super::cells::{MASK_GRID, cell_index};
 use super::clear::Clear;
+use super::crossable::Crossable;
 use super::facing::Facing;
 use super::pieces::Pieces;
 use super::solids::{Solids, are_joined, is_inside, which_inside};
@@ -66,8 +67,6 @@ struct Cell {
     open: f32,
     /// Of it, what does not lie behind a sheet.
     before: f32,
-    /// Points that were looked at.
-    points: u32,
     /// Position times area [m³].
     position: Vec3,
 }
@@ -78,7 +77,6 @@ impl Cell {
         let share = |part: f32| part / self.area.max(f32::MIN_POSITIVE);
         let [open, before] =
             looks.map_or([share(self.open), share(self.before)], |looks| looks.map(|yes| f32::from(u8::from(yes))));
-        self.points += 1;
         self.area += area;
         self.open += area * open;
         self.before += area * before;
@@ -136,6 +134,9 @@ fn texel(patches: &Patches, solids: Solids<'_>, patch: usize) -> Found {
     let tracer = solids.tracer;
     let Some(center) = patches.middle(tracer, patch) else { return Found::default() };
     let about = About::new(patches, solids, patch);
+    if about.facing.seals_all(patches, tracer, patch) {
+        return Found { partly: true, walled: about.sheet, ..Found::default() };
+    }
     let near = near(patches, tracer, patch, &about);
     if near != Near::Within && !is_hidden(solids, center, &about.facing) {
         return Found { walled: about.sheet && near == Near::Beside, ..Found::default() };
@@ -180,22 +181,29 @@ fn cells(
         let sheets = if about.crowded { Sheets::anywhere } else { Sheets::near };
         sheets(patches, solids, patch)
     });
+    let (mut points, mut areas, mut asked) = (vec![], vec![], vec![]);
+    let mut looks = [0; (MASK_GRID * MASK_GRID) as usize];
     for f in fragments {
-        let mut points = vec![];
-        patches.cell_centroids(patch, f, MASK_GRID, |point, centroid, area| points.push((point, centroid, area)));
-        let index = |centroid| cell_index(centroid, MASK_GRID);
-        // A fragment has one point in a cell.
-        let looked_at: Vec<bool> = points.iter().map(|p| cells[index(p.1)].points < most).collect();
-        let sealed = about.facing.seal(solids.tracer, &points.iter().map(|p| p.0).collect::<Vec<_>>());
-        let asked: Vec<bool> = looked_at.iter().zip(sealed).map(|(looked, sealed)| *looked && !sealed).collect();
-        let asking: Vec<_> = points.iter().zip(&asked).filter(|(_, asked)| **asked).map(|(p, _)| (p.0, p.1)).collect();
-        let mut inside = which_inside(solids, &asking, height).into_iter();
-        for ((point, centroid, area), (looked, asked)) in points.into_iter().zip(looked_at.into_iter().zip(asked)) {
-            let open = asked && inside.next() == Some(false);
-            let position = solids.tracer.scene().position(point.triangle, point.b);
-            let before = open && !sheets.as_ref().is_some_and(|sheets| sheets.hide(position));
-            cells[index(centroid)].add(area, position, looked.then_some([open, before]));
+        let first = points.len();
+        patches.cell_centroids(patch, f, MASK_GRID, |point, centroid, area| {
+            points.push((point, centroid));
+            areas.push(area);
+        });
+        let sealed = about.facing.seal(solids.tracer, &points[first..]);
+        for ((_, centroid), sealed) in points[first..].iter().zip(sealed) {
+            let looks = &mut looks[cell_index(*centroid, MASK_GRID)];
+            *looks += 1;
+            asked.push((*looks <= most).then_some(!sealed));
         }
+    }
+    let asking: Vec<_> =
+        points.iter().zip(&asked).filter(|(_, asked)| **asked == Some(true)).map(|(p, _)| *p).collect();
+    let mut inside = which_inside(solids, &about.over, &asking, height).into_iter();
+    for (((point, centroid), area), asked) in points.into_iter().zip(areas).zip(asked) {
+        let open = asked == Some(true) && inside.next() == Some(false);
+        let position = solids.tracer.scene().position(point.triangle, point.b);
+        let before = open && !sheets.as_ref().is_some_and(|sheets| sheets.hide(position));
+        cells[cell_index(centroid, MASK_GRID)].add(area, position, asked.map(|_| [open, before]));
     }
     cells
 }
@@ -207,6 +215,8 @@ struct About {
     facing: Facing,
     /// A sheet may stand within the texel or beside it: a surface with one side that does not close.
     sheet: bool,
+    /// What rays a little above the texel may cross.
+    over: Crossable,
     /// More than [`MOST_NEAR`] triangles are near.
     crowded: bool,
 }
@@ -215,26 +225,30 @@ impl About {
     /// One look into a box, which costs less than a dozen rays: where nothing that is near could meet rays along the texel,
     /// they need not be traced. Crumpled texels are not looked at.
     fn new(patches: &Patches, Solids { tracer, closed }: Solids<'_>, patch: usize) -> Self {
-        let unknown = Self { stands: true, facing: Facing::Anywhere, sheet: true, crowded: false };
+        let over = Crossable::anything();
+        let unknown = Self { stands: true, facing: Facing::Anywhere, sheet: true, over, crowded: false };
         let (scene, plane) = (tracer.scene(), Plane::of(patches, patch));
         let Some(Around { low, high, bent }) = plane.around(patches, tracer, core::iter::once(patch), BENT) else {
             return unknown;
         };
         let (facing, pad, height) = (-libm::cosf(FACING + bent), rounding(tracer), LOW * plane.edge);
-        let (mut about, mut looks) =
-            (Self { stands: false, facing: Facing::In(vec![]), sheet: false, crowded: false }, 0);
+        let (facings, over) = (Facing::In(vec![]), Crossable::nothing(pad));
+        let mut about = Self { stands: false, facing: facings, sheet: false, over, crowded: false };
+        let mut looks = 0;
         tracer.any_within(low, high, |t| {
             looks += 1;
             let own = !(about.stands && about.sheet) && plane.holds(scene, t);
-            if !about.stands && !own {
-                let span = span(scene, t, [plane.position, plane.normal]);
-                about.stands = span[0] <= height + pad && height - pad <= span[1];
-            }
+            let span = span(scene, t, [plane.position, plane.normal]);
+            about.stands |= !own && span[0] <= height + pad && height - pad <= span[1];
             about.sheet = about.sheet || !own && behind::is_sheet(scene, closed, t);
+            if span[1] > pad {
+                about.over.add(scene, t);
+            }
             if !matches!(about.facing, Facing::Anywhere) && scene.geometric_normal(t).dot(plane.normal) < facing {
                 about.facing.add(scene.corners(t), pad);
             }
-            looks == MOST_NEAR || about.stands && about.sheet && matches!(about.facing, Facing::Anywhere)
+            let all = about.stands && about.sheet && about.over.is_anything();
+            looks == MOST_NEAR || all && matches!(about.facing, Facing::Anywhere)
         });
         if looks == MOST_NEAR { Self { crowded: true, ..unknown } } else { about }
     }

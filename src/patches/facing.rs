@@ -2,39 +2,66 @@
 //!
 //! In: triangles near a texel that face it. Out: which of its points another surface lies on.
 //!
-//! Where one triangle lies on the four corners of a rectangle of cells, it lies on all of them: it is convex, and its
-//! distance is linear. So a texel below a wall is asked about four points, not sixty-four.
+//! Where one triangle lies on the corners of a convex polygon, it lies on all of it: it is convex too, and its distance is
+//! linear. So a texel below a wall is asked about four points, not sixty-four.
 
-use super::SurfacePoint;
-use super::cells::MASK_GRID;
+use super::{Patches, SurfacePoint};
 use crate::trace::{Ground, Tracer};
-use core::ops::Range;
-use glam::Vec3;
+use glam::{DVec2, Vec3};
 
-/// Triangles up to which their boxes are kept.
+/// Triangles up to which they are kept.
 const MOST_FACING: usize = 16;
-const SIDE: usize = MASK_GRID as usize;
+/// Points up to which there is nothing to gain by asking about their corners first.
+const FEW: usize = 4;
 
 /// Where something may lie on a texel face to face.
 pub(super) enum Facing {
-    /// In boxes, from lowest to highest coordinates [m].
-    In(Vec<[Vec3; 2]>),
+    /// Over these triangles.
+    In(Vec<Face>),
     Anywhere,
+}
+
+/// Where a triangle may lie on something.
+pub(super) struct Face {
+    /// Lowest and highest coordinates [m].
+    bounds: [Vec3; 2],
+    corners: [Vec3; 3],
+    /// Unit normals of the edges, within the plane and inward.
+    inward: [Vec3; 3],
+    normal: Vec3,
+    /// Bound of rounding, far above the length of the ways that are looked at [m].
+    pad: f32,
+}
+
+impl Face {
+    fn new(corners: [Vec3; 3], pad: f32) -> Self {
+        let [a, b, c] = corners;
+        let normal = (b - a).cross(c - a).normalize_or_zero();
+        let inward = [b - a, c - b, a - c].map(|edge| normal.cross(edge).normalize_or_zero());
+        Self { bounds: [a.min(b).min(c) - pad, a.max(b).max(c) + pad], corners, inward, normal, pad }
+    }
+
+    /// It may lie on a point.
+    fn may_hold(&self, point: Vec3) -> bool {
+        let [low, high] = self.bounds;
+        let inside = |k: usize| (point - self.corners[k]).dot(self.inward[k]) >= -self.pad;
+        low.cmple(point).all()
+            && high.cmpge(point).all()
+            && (point - self.corners[0]).dot(self.normal).abs() <= self.pad
+            && (0..3).all(inside)
+    }
 }
 
 impl Facing {
     /// Nothing lies on the texel.
     pub(super) fn is_nowhere(&self) -> bool {
-        matches!(self, Self::In(boxes) if boxes.is_empty())
+        matches!(self, Self::In(faces) if faces.is_empty())
     }
 
     /// Adds a triangle; `pad` is a bound of rounding [m].
     pub(super) fn add(&mut self, corners: [Vec3; 3], pad: f32) {
-        let [a, b, c] = corners;
         match self {
-            Self::In(boxes) if boxes.len() < MOST_FACING => {
-                boxes.push([a.min(b).min(c) - pad, a.max(b).max(c) + pad]);
-            }
+            Self::In(faces) if faces.len() < MOST_FACING => faces.push(Face::new(corners, pad)),
             _ => *self = Self::Anywhere,
         }
     }
@@ -46,18 +73,32 @@ impl Facing {
         self.may_seal(tracer, point.triangle) && self.by(tracer, &ground(), point).is_some()
     }
 
-    /// [`Facing::seals`] for points of one triangle, row by row.
-    pub(super) fn seal(&self, tracer: &Tracer<'_>, points: &[SurfacePoint]) -> Vec<bool> {
+    /// Other surfaces lie on all of a front patch, one on what each triangle covers of it. Otherwise it may be so as well.
+    pub(super) fn seals_all(&self, patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> bool {
+        let fragments = patches.fragments.range(patch);
+        !self.is_nowhere()
+            && fragments.len() <= MOST_FACING
+            && fragments.into_iter().all(|f| {
+                let triangle = patches.fragments.triangle(patch, f);
+                let (map, polygon) = (patches.map(triangle, patch), patches.polygon(patch, f));
+                let ground = Ground::new(tracer.scene().corners(triangle));
+                let at = |corner: &DVec2| SurfacePoint { triangle, b: map.weights(*corner) };
+                let mut by = polygon.corners().iter().map(|corner| self.by(tracer, &ground, at(corner)));
+                let first = by.next().flatten();
+                self.may_seal(tracer, triangle) && first.is_some() && by.all(|by| by == first)
+            })
+    }
+
+    /// [`Facing::seals`] for points of one triangle, each with its place in the texel.
+    pub(super) fn seal(&self, tracer: &Tracer<'_>, points: &[(SurfacePoint, DVec2)]) -> Vec<bool> {
         let mut sealed = vec![false; points.len()];
-        let Some(first) = points.first().filter(|point| self.may_seal(tracer, point.triangle)) else { return sealed };
-        let ground = Ground::new(tracer.scene().corners(first.triangle));
-        if points.len() < SIDE * SIDE {
-            sealed.iter_mut().zip(points).for_each(|(s, point)| *s = self.by(tracer, &ground, *point).is_some());
+        let Some((first, _)) = points.first().filter(|(point, _)| self.may_seal(tracer, point.triangle)) else {
             return sealed;
-        }
+        };
+        let ground = Ground::new(tracer.scene().corners(first.triangle));
         let mut known = vec![None; points.len()];
-        let mut by = |k: usize| *known[k].get_or_insert_with(|| self.by(tracer, &ground, points[k]));
-        fill(&mut by, &mut sealed, [0..SIDE, 0..SIDE]);
+        let mut by = |k: usize| *known[k].get_or_insert_with(|| self.by(tracer, &ground, points[k].0));
+        fill(&mut by, &mut sealed, &|k| points[k].1, &in_rows(points.len(), |k| points[k].1));
         sealed
     }
 
@@ -68,71 +109,115 @@ impl Facing {
 
     /// The triangle that lies on a point.
     fn by(&self, tracer: &Tracer<'_>, ground: &Ground, point: SurfacePoint) -> Option<u32> {
-        if let Self::In(boxes) = self {
+        if let Self::In(faces) = self {
             let position = tracer.scene().position(point.triangle, point.b);
-            let holds = |[low, high]: &[Vec3; 2]| low.cmple(position).all() && high.cmpge(position).all();
-            boxes.iter().any(holds).then_some(())?;
+            faces.iter().any(|face| face.may_hold(position)).then_some(())?;
         }
         tracer.sealed_by(ground, point.triangle, point.b)
     }
 }
 
-/// Sets which cells of a rectangle of columns and rows are sealed, `by` which triangle.
-fn fill(by: &mut impl FnMut(usize) -> Option<u32>, sealed: &mut [bool], [columns, rows]: [Range<usize>; 2]) {
-    let corners = [
-        (columns.start, rows.start),
-        (columns.end - 1, rows.end - 1),
-        (columns.end - 1, rows.start),
-        (columns.start, rows.end - 1),
-    ];
-    let [first, ..] = corners.map(|(x, y)| y * SIDE + x);
-    let one = by(first);
-    let alike = one.is_some() && corners.into_iter().all(|(x, y)| by(y * SIDE + x) == one);
-    if alike || columns.len() == 1 {
-        for row in rows {
-            sealed[row * SIDE..][columns.clone()].fill(one.is_some());
-        }
-        return;
+/// Points by rows, then columns.
+fn in_rows(n: usize, place: impl Fn(usize) -> DVec2) -> Vec<usize> {
+    let mut points: Vec<usize> = (0..n).collect();
+    points.sort_by(|&a, &b| {
+        let (a, b) = (place(a), place(b));
+        a.y.total_cmp(&b.y).then(a.x.total_cmp(&b.x))
+    });
+    points
+}
+
+/// Sets which of some points, by rows, are sealed, `by` which triangle.
+fn fill(
+    by: &mut impl FnMut(usize) -> Option<u32>,
+    sealed: &mut [bool],
+    place: &impl Fn(usize) -> DVec2,
+    points: &[usize],
+) {
+    let each = |sealed: &mut [bool], is: &mut dyn FnMut(usize) -> bool| points.iter().for_each(|&k| sealed[k] = is(k));
+    if points.len() <= FEW {
+        return each(sealed, &mut |k| by(k).is_some());
     }
-    let halves = |range: &Range<usize>| {
-        let middle = usize::midpoint(range.start, range.end);
-        [range.start..middle, middle..range.end]
+    let hull = hull(place, points);
+    let one = hull.first().and_then(|&k| by(k));
+    if one.is_some() && hull.iter().all(|&k| by(k) == one) {
+        return each(sealed, &mut |_| true);
+    }
+    let spread = |axis: usize| {
+        let along = |[low, high]: [f64; 2], k: &usize| [low.min(place(*k)[axis]), high.max(place(*k)[axis])];
+        points.iter().fold([f64::INFINITY, f64::NEG_INFINITY], along)
     };
-    for row in halves(&rows) {
-        halves(&columns).into_iter().for_each(|column| fill(by, sealed, [column, row.clone()]));
+    let [columns, rows] = [spread(0), spread(1)];
+    let (axis, [low, high]) = if columns[1] - columns[0] > rows[1] - rows[0] { (0, columns) } else { (1, rows) };
+    let (near, far): (Vec<usize>, Vec<usize>) = points.iter().partition(|k| place(**k)[axis] < 0.5 * (low + high));
+    if near.is_empty() || far.is_empty() {
+        return each(sealed, &mut |k| by(k).is_some());
     }
+    fill(by, sealed, place, &near);
+    fill(by, sealed, place, &far);
+}
+
+/// Those of some points, by rows, that have all others between them: A. M. Andrew, "Another efficient algorithm for convex
+/// hulls in two dimensions", Information Processing Letters 9(5), 1979.
+fn hull(place: &impl Fn(usize) -> DVec2, points: &[usize]) -> Vec<usize> {
+    let chain = |points: &mut dyn Iterator<Item = usize>| {
+        let mut chain: Vec<usize> = vec![];
+        for k in points {
+            while let [.., a, b] = chain[..]
+                && (place(b) - place(a)).perp_dot(place(k) - place(a)) <= 0.0
+            {
+                chain.pop();
+            }
+            chain.push(k);
+        }
+        chain.pop();
+        chain
+    };
+    let mut hull = chain(&mut points.iter().copied());
+    hull.extend(chain(&mut points.iter().rev().copied()));
+    hull
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    fn points(place: &impl Fn(usize) -> DVec2, cover: impl Fn(DVec2) -> Option<u32>, n: usize) -> (Vec<bool>, usize) {
+        let (mut asked, mut sealed) = (0, vec![false; n]);
+        let mut by = |k: usize| {
+            asked += 1;
+            cover(place(k))
+        };
+        fill(&mut by, &mut sealed, place, &in_rows(n, place));
+        (sealed, asked)
+    }
 
     #[test]
-    fn rectangles_are_filled_as_points_one_by_one() {
+    fn cells_are_filled_as_points_one_by_one() {
         // Two triangles along a diagonal, a hole in one of them, and nothing.
-        let covers: [fn(usize, usize) -> Option<u32>; 4] = [
-            |x, y| Some(u32::from(x > y)),
-            |x, y| (x + 2 * y < 9).then_some(7),
-            |x, _| (x == 3).then_some(1),
-            |_, _| None,
+        let covers: [fn(DVec2) -> Option<u32>; 4] = [
+            |p| Some(u32::from(p.x > p.y)),
+            |p| (p.x + 2.0 * p.y < 9.0).then_some(7),
+            |p| (p.x == 3.0).then_some(1),
+            |_| None,
         ];
+        let place = |k: usize| DVec2::new((k % 8) as f64, (k / 8) as f64);
         for cover in covers {
-            let mut asked = 0;
-            let mut sealed = vec![false; SIDE * SIDE];
-            let mut by = |k: usize| {
-                asked += 1;
-                cover(k % SIDE, k / SIDE)
-            };
-            fill(&mut by, &mut sealed, [0..SIDE, 0..SIDE]);
-            let wanted: Vec<bool> = (0..SIDE * SIDE).map(|k| cover(k % SIDE, k / SIDE).is_some()).collect();
-            assert_eq!(sealed, wanted, "after {asked} questions");
+            let wanted: Vec<bool> = (0..64).map(|k| cover(place(k)).is_some()).collect();
+            assert_eq!(points(&place, cover, 64).0, wanted);
         }
-        let mut asked = 0;
-        let mut all = |_: usize| {
-            asked += 1;
-            Some(5)
-        };
-        fill(&mut all, &mut [false; SIDE * SIDE], [0..SIDE, 0..SIDE]);
-        assert!(asked <= 8, "{asked} questions");
+        let (_, asked) = points(&place, |_| Some(5), 64);
+        assert!(asked <= 9, "{asked} questions");
+    }
+
+    proptest! {
+        #[test]
+        fn a_half_plane_seals_what_it_covers(at in prop::collection::vec((0.0f64..1.0, 0.0f64..1.0), 0..64), x in -1.0f64..1.0, y in -1.0f64..1.0) {
+            let cover = |p: DVec2| (p.x * x + p.y * y > 0.3 * x).then_some(3);
+            let place = |k: usize| DVec2::from(at[k]);
+            let wanted: Vec<bool> = (0..at.len()).map(|k| cover(place(k)).is_some()).collect();
+            prop_assert_eq!(points(&place, cover, at.len()).0, wanted);
+        }
     }
 }

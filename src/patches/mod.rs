@@ -17,6 +17,7 @@ mod behind;
 mod blocks;
 mod cells;
 mod clear;
+mod crossable;
 mod exposed;
 mod facing;
 mod fragments;

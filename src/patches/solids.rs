@@ -5,14 +5,15 @@
 //! A point lies in one when at least [`HIDDEN_HITS`] of [`PROBES`] rays over its hemisphere meet the back of single-sided
 //! surfaces, or more backs than fronts on their way out of the scene.
 //!
-//! Where nothing can be crossed between two points of a triangle, both are in the same solids. So points are joined along
-//! segments a little above the triangle, and of what is joined the outermost points are asked; if they disagree, as near
+//! Where nothing can be crossed between two points of a surface, both are in the same solids. So points are joined along
+//! segments a little above the surface, and of what is joined the outermost points are asked; if they disagree, as near
 //! the mouth of a hollow, all are. Lightmaps of nine scenes had the same bytes as with points asked one by one; in
 //! primitives two texels below a sheet differed.
 
 use super::SurfacePoint;
 use super::cells::{MASK_GRID, cell_index};
-use crate::base::{Frame, warp};
+use super::crossable::Crossable;
+use crate::base::{Frame, Sets, warp};
 use crate::scene::Material;
 use crate::trace::{Closed, Ground, Ray, Tracer};
 use glam::{DVec2, Vec2, Vec3};
@@ -98,16 +99,21 @@ pub(super) fn is_inside(solids: Solids<'_>, point: SurfacePoint) -> bool {
     leave >= LEAST_BACKS
 }
 
-/// [`is_inside`] for points of one triangle, row by row, each with its place in the texel. `height` is that of the
-/// segments between them over the triangle [m].
-pub(super) fn which_inside(solids: Solids<'_>, points: &[(SurfacePoint, DVec2)], height: f32) -> Vec<bool> {
+/// [`is_inside`] for points of a texel, triangle by triangle and row by row, each with its place in the texel. `height` is
+/// that of the segments between them over the surface [m].
+pub(super) fn which_inside(
+    solids: Solids<'_>,
+    over: &Crossable,
+    points: &[(SurfacePoint, DVec2)],
+    height: f32,
+) -> Vec<bool> {
     if points.len() <= FEW {
         return points.iter().map(|point| is_inside(solids, point.0)).collect();
     }
     // Of a row of points, two are the outermost ones along all four diagonals.
     let mut known = vec![None; points.len()];
     let mut ask = |k: usize| *known[k].get_or_insert_with(|| is_inside(solids, points[k].0));
-    let joined = join(solids.tracer, points, height);
+    let joined = join(solids.tracer, over, points, height);
     let mut inside = vec![false; points.len()];
     for first in (0..points.len()).filter(|&k| joined[k] == k) {
         let members = || (first..points.len()).filter(|&k| joined[k] == first);
@@ -125,37 +131,45 @@ fn at(points: &[(SurfacePoint, DVec2)], k: usize, along: DVec2) -> f64 {
     points[k].1.dot(along)
 }
 
-/// For each point the first one that it is joined to, on the way along rows and columns.
-fn join(tracer: &Tracer<'_>, points: &[(SurfacePoint, DVec2)], height: f32) -> Vec<usize> {
+/// For each point the first one that it is joined to, over the sides of cells and from triangle to triangle.
+fn join(tracer: &Tracer<'_>, over: &Crossable, points: &[(SurfacePoint, DVec2)], height: f32) -> Vec<usize> {
     const COLUMNS: usize = MASK_GRID as usize;
-    let mut joined: Vec<usize> = vec![];
-    let mut above: Vec<Option<Vec3>> = vec![];
-    let mut last: [Option<usize>; COLUMNS] = [None; COLUMNS];
+    let (mut joined, mut above) = (Sets::new(points.len()), Vec::<Option<Vec3>>::new());
+    let mut last: [Option<usize>; COLUMNS * COLUMNS] = [None; COLUMNS * COLUMNS];
+    let mut ground: Option<(u32, Ground)> = None;
     for (k, (point, within)) in points.iter().enumerate() {
-        let high = lifted(tracer, *point, height);
-        let column = cell_index(*within, MASK_GRID) % COLUMNS;
-        let beside = column.checked_sub(1).and_then(|c| last[c]);
-        let is_joined = |j: &usize| above[*j].zip(high).is_some_and(|(from, to)| tracer.segment_clear(from, to));
-        let to = [beside, last[column]].into_iter().flatten().find(is_joined);
-        joined.push(to.map_or(k, |j| joined[j]));
+        let triangle = point.triangle;
+        let (_, ground) = match ground.filter(|(t, _)| *t == triangle) {
+            Some(ground) => ground,
+            None => *ground.insert((triangle, Ground::new(tracer.scene().corners(triangle)))),
+        };
+        let high = lifted(tracer, over, &ground, *point, height);
+        let cell = cell_index(*within, MASK_GRID);
+        let beside = (cell % COLUMNS > 0).then(|| cell - 1);
+        for j in [beside, cell.checked_sub(COLUMNS), Some(cell)].into_iter().flatten().filter_map(|cell| last[cell]) {
+            let ends = above[j].zip(high).filter(|_| joined.find(j) != joined.find(k));
+            if ends.is_some_and(|(from, to)| over.is_clear(tracer, [from, to], None)) {
+                joined.join(j, k);
+            }
+        }
         above.push(high);
-        last[column] = Some(k);
+        last[cell] = Some(k);
     }
-    joined
+    (0..points.len()).map(|k| joined.find(k)).collect()
 }
 
 /// A point so far above a triangle's [m], if nothing lies between.
-fn lifted(tracer: &Tracer<'_>, point: SurfacePoint, height: f32) -> Option<Vec3> {
-    let ground = Ground::new(tracer.scene().corners(point.triangle));
-    let low = tracer.leave(&ground, point.b, ground.normal());
+fn lifted(tracer: &Tracer<'_>, over: &Crossable, ground: &Ground, point: SurfacePoint, height: f32) -> Option<Vec3> {
+    let low = tracer.leave(ground, point.b, ground.normal());
     let high = low + ground.normal() * height;
-    tracer.segment_clear(low, high).then_some(high)
+    over.is_clear(tracer, [low, high], Some(point.triangle)).then_some(high)
 }
 
 /// Two points lie on a triangle, and nothing can be crossed between them at a height above it [m].
 pub(super) fn are_joined(tracer: &Tracer<'_>, a: SurfacePoint, b: SurfacePoint, height: f32) -> bool {
     a.triangle == b.triangle && {
-        let ends = lifted(tracer, a, height).zip(lifted(tracer, b, height));
-        ends.is_some_and(|(a, b)| tracer.segment_clear(a, b))
+        let (over, ground) = (Crossable::anything(), Ground::new(tracer.scene().corners(a.triangle)));
+        let [a, b] = [a, b].map(|point| lifted(tracer, &over, &ground, point, height));
+        a.zip(b).is_some_and(|(a, b)| tracer.segment_clear(a, b))
     }
 }
