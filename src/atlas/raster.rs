@@ -99,7 +99,7 @@ impl Polygon {
     }
 
     /// Calls `visit(area, centroid)` for each cell of an n × n grid over the unit square that the polygon touches, row by
-    /// row. Only cells at its border are clipped: 8 × 8 cells of half a texel take 1.0 µs instead of 4.6.
+    /// row. Only cells at its border are clipped: 8 × 8 cells of half a texel take 2.0 µs instead of 3.0.
     pub fn each_cell(&self, n: u32, mut visit: impl FnMut(f64, DVec2)) {
         let side = 1.0 / f64::from(n);
         let polygon = self.map(|c| c * f64::from(n));

@@ -41,14 +41,14 @@ impl Face {
         Self { bounds: [a.min(b).min(c) - pad, a.max(b).max(c) + pad], corners, inward, normal, pad }
     }
 
-    /// It may lie on a point.
-    fn may_hold(&self, point: Vec3) -> bool {
+    /// How far inside of the triangle a point is that it may lie on [m].
+    fn holds(&self, point: Vec3) -> Option<f32> {
         let [low, high] = self.bounds;
-        let inside = |k: usize| (point - self.corners[k]).dot(self.inward[k]) >= -self.pad;
-        low.cmple(point).all()
+        let near = low.cmple(point).all()
             && high.cmpge(point).all()
-            && (point - self.corners[0]).dot(self.normal).abs() <= self.pad
-            && (0..3).all(inside)
+            && (point - self.corners[0]).dot(self.normal).abs() <= self.pad;
+        let inside = |k: usize| (point - self.corners[k]).dot(self.inward[k]);
+        near.then(|| inside(0).min(inside(1)).min(inside(2))).filter(|inside| *inside >= -self.pad)
     }
 }
 
@@ -97,8 +97,19 @@ impl Facing {
         };
         let ground = Ground::new(tracer.scene().corners(first.triangle));
         let mut known = vec![None; points.len()];
-        let mut by = |k: usize| *known[k].get_or_insert_with(|| self.by(tracer, &ground, points[k].0));
-        fill(&mut by, &mut sealed, &|k| points[k].1, &in_rows(points.len(), |k| points[k].1));
+        let ask = |k: usize| tracer.sealed_by(&ground, points[k].0.triangle, points[k].0.b);
+        let mut by = |k: usize| *known[k].get_or_insert_with(|| ask(k));
+        let (place, rows) = (|k: usize| points[k].1, in_rows(points.len(), |k| points[k].1));
+        let Self::In(faces) = self else {
+            fill(&mut by, &mut sealed, &place, &rows);
+            return sealed;
+        };
+        let position = |k: usize| tracer.scene().position(points[k].0.triangle, points[k].0.b);
+        let likely: Vec<Option<usize>> = (0..points.len()).map(|k| deepest(faces, position(k))).collect();
+        for face in 0..faces.len() {
+            let here: Vec<usize> = rows.iter().copied().filter(|&k| likely[k] == Some(face)).collect();
+            fill(&mut by, &mut sealed, &place, &here);
+        }
         sealed
     }
 
@@ -111,10 +122,16 @@ impl Facing {
     fn by(&self, tracer: &Tracer<'_>, ground: &Ground, point: SurfacePoint) -> Option<u32> {
         if let Self::In(faces) = self {
             let position = tracer.scene().position(point.triangle, point.b);
-            faces.iter().any(|face| face.may_hold(position)).then_some(())?;
+            faces.iter().any(|face| face.holds(position).is_some()).then_some(())?;
         }
         tracer.sealed_by(ground, point.triangle, point.b)
     }
+}
+
+/// Of those that may lie on a point, the one farthest inside of which it is.
+fn deepest(faces: &[Face], point: Vec3) -> Option<usize> {
+    let holding = faces.iter().enumerate().filter_map(|(k, face)| Some((k, face.holds(point)?)));
+    holding.reduce(|best, next| if next.1 > best.1 { next } else { best }).map(|(k, _)| k)
 }
 
 /// Points by rows, then columns.

@@ -89,6 +89,9 @@ struct Sharing<'a> {
     stored: Vec<Option<[u32; 2]>>,
 }
 
+/// Distance of unit normals that differ by rounding alone.
+const SAME_NORMAL: f64 = 1e-5;
+
 /// A part on its way into the scene.
 enum Placing {
     Stored(PlacedPart),
@@ -363,7 +366,8 @@ fn place(
         let what = format!("{name}: {bad} normals are zero or not finite; those of the triangles around were used");
         warnings.push(Warning::new("bad-normals", what).at(root.node_name(plan.placed.node)));
     });
-    let (scale, axes, flat) = (pose.scale(), copies::axes(world), local.normal.is_none());
+    let (scale, axes) = (pose.scale(), copies::axes(world));
+    let flat = local.normal.is_none() || are_faceted(&position, &normal, &triangles);
     Ok(PlacedPart { position, normal, triangles, mirrored, scale, axes, flat, warnings })
 }
 
@@ -395,6 +399,15 @@ fn normals(
         report(bad);
     }
     normal
+}
+
+/// All normals are those of the triangles at which they are, but for rounding.
+fn are_faceted(position: &[Vec3], normal: &[Vec3], triangles: &[[u32; 3]]) -> bool {
+    triangles.iter().all(|t| {
+        let [a, b, c] = t.map(|v| position[v as usize].as_dvec3());
+        let own = (b - a).cross(c - a).try_normalize();
+        own.is_none_or(|own| t.iter().all(|&v| normal[v as usize].as_dvec3().distance(own) < SAME_NORMAL))
+    })
 }
 
 /// Area-weighted average normal of the triangles around each vertex; +y where there is none.
@@ -457,6 +470,7 @@ impl Geometry {
             scale,
             axes,
             flat,
+            has_normals: local.normal.is_some(),
             has_uv1: local.uv.get(1).is_some_and(Option::is_some),
             receives: !(materials[material].unlit || morphed || skinned),
             treatment: Treatment::default(),

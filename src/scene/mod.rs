@@ -159,8 +159,10 @@ pub struct Part {
     /// Dot products of the axes of the node's transform [m²]: xx, yy, zz, yz, zx, xy. Placements of a mesh that have the
     /// same ones differ by a rigid motion, or a mirror.
     pub axes: [f64; 6],
-    /// No normals in the document: shading normals are the triangles' own.
+    /// Shading normals are the triangles' own: the document has none, or none that differ.
     pub flat: bool,
+    /// The primitive has a `NORMAL`.
+    pub has_normals: bool,
     /// The primitive has a `TEXCOORD_1` (then `Vertices::uv[1]` holds it).
     pub has_uv1: bool,
     /// It gets lightmap texels. False for unlit, skinned and morphed primitives, which still block light, and where a

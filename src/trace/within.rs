@@ -22,8 +22,8 @@ impl Tracer<'_> {
     fn any_below(&self, child: Child, low: Vec3, high: Vec3, matters: &mut impl FnMut(u32) -> bool) -> bool {
         if let Some((packet, count)) = child.as_packet() {
             let packet = &self.hierarchy.packets[packet];
-            let meets = |lane: usize| (0..3).all(|axis| meets(packet, axis, lane, low[axis], high[axis]));
-            return (0..count).any(|lane| meets(lane) && matters(packet.triangles[lane] & !Packet::TRANSPARENT));
+            let met = meeting(packet, low, high);
+            return (0..count).any(|lane| met[lane] && matters(packet.triangles[lane] & !Packet::TRANSPARENT));
         }
         let node = &self.hierarchy.nodes[child.as_node()];
         let mut met = [true; WIDTH];
@@ -37,8 +37,25 @@ impl Tracer<'_> {
     }
 }
 
-/// The span of a packet's triangle along an axis meets one.
-fn meets(packet: &Packet, axis: usize, lane: usize, low: f32, high: f32) -> bool {
-    let [a, b, c] = [0, 1, 2].map(|corner: usize| packet.corners[corner][axis].0[lane]);
-    a.min(b).min(c) <= high && a.max(b).max(c) >= low
+/// Which boxes of a packet's triangles meet one. Lane by lane, in the order that compilers make vectors of.
+fn meeting(packet: &Packet, low: Vec3, high: Vec3) -> [bool; WIDTH] {
+    let mut met = [true; WIDTH];
+    for axis in 0..3 {
+        let [a, b, c] = [0, 1, 2].map(|corner: usize| &packet.corners[corner][axis].0);
+        for (lane, met) in met.iter_mut().enumerate() {
+            let (least, most) =
+                (lesser(lesser(a[lane], b[lane]), c[lane]), greater(greater(a[lane], b[lane]), c[lane]));
+            *met &= (least <= high[axis]) & (most >= low[axis]);
+        }
+    }
+    met
+}
+
+/// Of two numbers, neither of them NaN: one instruction, where [`f32::min`] takes five.
+fn lesser(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
+}
+
+fn greater(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
 }

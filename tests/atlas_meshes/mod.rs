@@ -281,6 +281,7 @@ pub(crate) fn scene(meshes: &[Mesh]) -> Scene {
             scale: 1.0,
             axes: [1.0, 1.0, 1.0, 0.0, 0.0, 0.0],
             flat: false,
+            has_normals: true,
             has_uv1,
             receives: true,
             treatment: texelwalk::scene::Treatment::default(),

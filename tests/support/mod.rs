@@ -64,6 +64,7 @@ pub fn scene_with_material(triangles: &[[Vec3; 3]], material: Material) -> Scene
         scale: 1.0,
         axes: [1.0, 1.0, 1.0, 0.0, 0.0, 0.0],
         flat: true,
+        has_normals: false,
         has_uv1: false,
         receives: true,
         treatment: texelwalk::scene::Treatment::default(),

@@ -67,7 +67,7 @@ fn mesh(bake: &Bake<'_>, text: &mut Text, p: usize) {
         text.list("int[] faceVertexCounts", shape.triangles.iter().map(|_| "3".to_owned()), "");
         text.list("int[] faceVertexIndices", shape.triangles.iter().flatten().map(u32::to_string), "");
         text.line(format!("rel material:binding = </World/{MATERIALS}/{}>", bake.paths.material(part.material)));
-        if !part.flat {
+        if part.has_normals {
             let normals = shape.attribute(|v| bake.scene.vertex_normal(v)).into_iter().map(Vec3::normalize_or_zero);
             text.list("normal3f[] normals", normals.map(|n| tuple(&n.to_array())), "interpolation = \"vertex\"");
         }
