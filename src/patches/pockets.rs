@@ -163,21 +163,26 @@ impl Patches {
         let known = |j: &usize| !sides.unknown.contains(&(*j as u32));
         let open: Vec<usize> = open.into_iter().filter(known).collect();
         let stays_unseen = sides.closed_stay || !sides.closed.contains(&(patch as u32));
+        let sees_any = |from: Vec3, others: &[usize]| others.iter().any(|&j| self.is_seen(tracer, from, j));
+        let stays = |position: Vec3| {
+            let from = self.lifted(patch, position);
+            stays_unseen && !sees_any(from, &shut) || sees_any(from, &open)
+        };
         let front = self.front_patch(patch);
         let mut cells = [Cell::default(); (MASK_GRID * MASK_GRID) as usize];
         for f in self.fragments.range(front) {
+            let mut points = [None; (MASK_GRID * MASK_GRID) as usize];
+            let mut areas = [0.0; (MASK_GRID * MASK_GRID) as usize];
             self.cell_centroids(front, f, MASK_GRID, |point, centroid, area| {
-                let cell = &mut cells[cell_index(centroid, MASK_GRID)];
+                let k = cell_index(centroid, MASK_GRID);
                 let position = tracer.scene().position(point.triangle, point.b);
-                let from = self.lifted(patch, position);
-                cell.area += area;
-                cell.position += position * area;
-                let sees_any = |others: &[usize]| others.iter().any(|&j| self.is_seen(tracer, from, j));
-                let stays = || stays_unseen && !sees_any(&shut) || sees_any(&open);
-                if self.is_exposed_at(patch, centroid) && stays() {
-                    cell.open += area;
-                }
+                cells[k].area += area;
+                cells[k].position += position * area;
+                areas[k] = area;
+                points[k] = self.is_exposed_at(patch, centroid).then_some(position);
             });
+            let known = between(|k| points[k].map(&stays));
+            (0..cells.len()).filter(|&k| known[k] && points[k].is_some()).for_each(|k| cells[k].open += areas[k]);
         }
         Left::of(&cells)
     }
@@ -204,6 +209,23 @@ impl Patches {
             self.position[patch] = left.position;
         }
     }
+}
+
+/// Which cells of a mask have an answer that says so. Asked is at some columns and rows, and between them where they do not
+/// agree, or have none: both sides of a straight border are convex.
+fn between(ask: impl Fn(usize) -> Option<bool>) -> [bool; (MASK_GRID * MASK_GRID) as usize] {
+    /// The nearest of columns or rows 0, 2, 5 and 7 before and behind each.
+    const AROUND: [[usize; 2]; MASK_GRID as usize] = [[0, 0], [0, 2], [2, 2], [2, 5], [2, 5], [5, 5], [5, 7], [7, 7]];
+    let mut known = [None; (MASK_GRID * MASK_GRID) as usize];
+    let mut is = |k: usize| *known[k].get_or_insert_with(|| ask(k));
+    core::array::from_fn(|k| {
+        let cell = |x: usize, y: usize| y * MASK_GRID as usize + x;
+        let [columns, rows] = [AROUND[k % MASK_GRID as usize], AROUND[k / MASK_GRID as usize]];
+        let around = rows.map(|y| columns.map(|x| is(cell(x, y))));
+        let [first, ..] = around.as_flattened() else { return false };
+        let alike = first.is_some() && around.as_flattened().iter().all(|other| other == first);
+        (if alike { *first } else { is(k) }) == Some(true)
+    })
 }
 
 /// Surface in one cell of the mask.
@@ -281,4 +303,27 @@ fn is_narrow(tracer: &Tracer<'_>, origin: Vec3, limit: f32, before: &mut usize) 
     let found = core::iter::once(*before).chain((0..WAYS.len()).filter(|k| k != before)).find(narrow);
     *before = found.unwrap_or(*before);
     found.is_some()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core::cell::Cell;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn cells_beside_a_straight_border_are_known_from_a_few(normal in -1.0f32..1.0, at in -8.0f32..8.0, hole in 0usize..64) {
+            let asked = Cell::new(0);
+            let answer = |k: usize| (k != hole).then_some((k % 8) as f32 * normal + (k / 8) as f32 > at);
+            let found = between(|k| {
+                asked.set(asked.get() + 1);
+                answer(k)
+            });
+            let expected: Vec<usize> = (0..64).filter(|&k| k != hole && answer(k) == Some(true)).collect();
+            let found: Vec<usize> = (0..64).filter(|&k| k != hole && found[k]).collect();
+            prop_assert_eq!(found, expected);
+            prop_assert!(asked.get() < 52, "{} questions", asked.get());
+        }
+    }
 }
