@@ -8,6 +8,7 @@ mod hidden;
 mod judge;
 mod network;
 mod share;
+mod trend;
 mod windows;
 
 pub use assemble::assemble;

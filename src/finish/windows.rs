@@ -43,7 +43,7 @@ impl Windows {
     }
 
     /// Blocks are patches in one square that are linked within it.
-    fn of<S: PartialEq>(network: &Network, area: Vec<f32>, square: impl Fn(usize) -> S) -> Self {
+    pub(super) fn of<S: PartialEq>(network: &Network, area: Vec<f32>, square: impl Fn(usize) -> S) -> Self {
         let mut sets = Sets::new(network.len());
         for i in 0..network.len() {
             let own = square(i);

@@ -145,7 +145,7 @@ fn join(tracer: &Tracer<'_>, over: &Crossable, points: &[(SurfacePoint, DVec2)],
         };
         let high = lifted(tracer, over, &ground, *point, height);
         let cell = cell_index(*within, MASK_GRID);
-        let beside = (cell % COLUMNS > 0).then(|| cell - 1);
+        let beside = (!cell.is_multiple_of(COLUMNS)).then(|| cell - 1);
         for j in [beside, cell.checked_sub(COLUMNS), Some(cell)].into_iter().flatten().filter_map(|cell| last[cell]) {
             let ends = above[j].zip(high).filter(|_| joined.find(j) != joined.find(k));
             if ends.is_some_and(|(from, to)| over.is_clear(tracer, [from, to], None)) {
