@@ -35,7 +35,7 @@ fn normals_stay_perpendicular_under_uneven_and_mirrored_scale() {
     let scene = load(&b);
     for t in 0..4u32 {
         let geometric = scene.geometric_normal(t);
-        assert!(!scene.parts[t as usize].flat);
+        assert!(scene.parts[t as usize].has_normals);
         for v in scene.triangles[t as usize] {
             let n = scene.vertices.normal[v as usize];
             assert!(near(n, geometric), "triangle {t}: {n} {geometric}");
@@ -43,6 +43,17 @@ fn normals_stay_perpendicular_under_uneven_and_mirrored_scale() {
     }
     let expected = Vec3::new(1.0 / 2.0, 1.0 / 3.0, 2.0).normalize();
     assert!(near(scene.vertices.normal[0], expected));
+}
+
+#[test]
+fn normals_count_for_none_only_where_they_say_the_same() {
+    for (normal, flat) in [([0.0, 0.0, 1.0], true), ([3e-6, 0.0, 1.0], true), ([0.001, 0.0, 1.0], false)] {
+        let mut b = Builder::triangle();
+        let normals = b.floats("VEC3", &[[0.0, 0.0, 1.0], normal, [0.0, 0.0, 1.0]].concat());
+        b.set("/meshes/0/primitives/0/attributes/NORMAL", json!(normals));
+        let part = &load(&b).parts[0];
+        assert_eq!((part.flat, part.has_normals), (flat, true), "{normal:?}");
+    }
 }
 
 #[test]
