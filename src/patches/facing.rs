@@ -76,16 +76,17 @@ impl Facing {
     /// Other surfaces lie on all of a front patch, one on what each triangle covers of it. Otherwise it may be so as well.
     pub(super) fn seals_all(&self, patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> bool {
         let fragments = patches.fragments.range(patch);
-        !self.is_nowhere()
-            && fragments.len() <= MOST_FACING
+        fragments.len() <= MOST_FACING
             && fragments.into_iter().all(|f| {
                 let triangle = patches.fragments.triangle(patch, f);
-                let (map, polygon) = (patches.map(triangle, patch), patches.polygon(patch, f));
-                let ground = Ground::new(tracer.scene().corners(triangle));
-                let at = |corner: &DVec2| SurfacePoint { triangle, b: map.weights(*corner) };
-                let mut by = polygon.corners().iter().map(|corner| self.by(tracer, &ground, at(corner)));
-                let first = by.next().flatten();
-                self.may_seal(tracer, triangle) && first.is_some() && by.all(|by| by == first)
+                self.may_seal(tracer, triangle) && {
+                    let (map, polygon) = (patches.map(triangle, patch), patches.polygon(patch, f));
+                    let ground = Ground::new(tracer.scene().corners(triangle));
+                    let at = |corner: &DVec2| SurfacePoint { triangle, b: map.weights(*corner) };
+                    let mut by = polygon.corners().iter().map(|corner| self.by(tracer, &ground, at(corner)));
+                    let first = by.next().flatten();
+                    first.is_some() && by.all(|by| by == first)
+                }
             })
     }
 

@@ -51,7 +51,7 @@ fn meeting(packet: &Packet, low: Vec3, high: Vec3) -> [bool; WIDTH] {
     met
 }
 
-/// Of two numbers, neither of them NaN: one instruction, where [`f32::min`] takes five.
+/// Of two numbers, neither of them NaN, which [`f32::min`] would have to look for.
 fn lesser(a: f32, b: f32) -> f32 {
     if a < b { a } else { b }
 }
