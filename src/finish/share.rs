@@ -2,7 +2,7 @@
 //!
 //! In: irradiance as two halves that share no random number, and links. Out: both halves, smoother by the same linear
 //! map, and the squared error that is left in their mean; constant irradiance stays constant, and flux is conserved, but
-//! for what would be too dark beside jumps (`straightened`): of cornell, courtyard, office and room up to 5·10⁻⁴ of it
+//! for what would be too dark or too bright beside jumps (`straightened`, `bounded`): of cornell, courtyard, office and room up to 5·10⁻⁴ of it
 //! with the rays of `production`, 1.2·10⁻³ with a sixteenth of them.
 //!
 //! The fuzzy random walk's splat, made to converge: a bandwidth per texel that vanishes with the noise, and flow
@@ -148,15 +148,20 @@ pub fn share(patches: &Patches, graph: &PatchGraph, halves: [&mut Vec<Rgb>; 2], 
     let seen = |slope: Pair| [slope.0.dot(slope.1), noise(slope)];
     let larger = |a: Pair, b: Pair| Pair(a.0.max(b.0), a.1.max(b.1));
     let (trend, trends) = Trend::new(&patches.position[..raw.len()], (&network, &windows), &raw, seen, larger);
-    let flow = chosen(patches, &network, &windows, (&raw, &trends), &before);
-    let shared = straightened(&flow, &raw, trends, larger);
-    if let Some(part) = along.part {
-        *part = straightened(&flow, part, trend.of(part, Rgb::max), Rgb::max);
+    let part = along.part.map(|part| (trend.of(part, Rgb::max), part));
+    let vectors = along.vectors.filter(|v| !v.is_empty()).map(|vectors| (trend.of(vectors, |a, _| a), vectors));
+    drop(trend);
+    let flow = chosen(patches, network, &windows, (&raw, &trends), &before);
+    let capped = |light: Rgb, most: Rgb| light.min(most).max(Rgb::ZERO);
+    let both = |light: Pair, most: Pair| Pair(capped(light.0, most.0), capped(light.1, most.1));
+    let shared = bounded(&flow, &raw, straightened(&flow, &raw, trends, larger), both);
+    if let Some((trends, part)) = part {
+        *part = bounded(&flow, part, straightened(&flow, part, trends, Rgb::max), capped);
     }
-    if let Some(vectors) = along.vectors.filter(|v| !v.is_empty()) {
-        *vectors = straightened(&flow, vectors, trend.of(vectors, |a, _| a), |a, _| a);
+    if let Some((trends, vectors)) = vectors {
+        *vectors = straightened(&flow, vectors, trends, |a, _| a);
     }
-    drop((flow, trend));
+    drop(flow);
     let bias = parallel::map_light(raw.len(), |i| bias(shared[i], raw[i]));
     let noise = left(&windows, &before, &shared);
     for (i, pair) in shared.into_iter().enumerate() {
@@ -187,17 +192,18 @@ fn left(windows: &Windows, before: &[f32], shared: &[Pair]) -> Vec<f32> {
 /// How light flows that has these trends, with this noise around each block of patches.
 fn chosen(
     patches: &Patches,
-    network: &Network,
+    network: Network,
     windows: &Windows,
     (raw, trends): (&[Pair], &[Pair]),
     noise: &[f32],
 ) -> Flow {
     let rest = parallel::map_light(raw.len(), |i| raw[i] - trends[i]);
     let noise = parallel::map_light(raw.len(), |i| noise[windows.block(i)]);
-    let network = stopped(network, &rest, &noise);
-    let wanted = bandwidth(&network, &Judge::new(patches, raw.len(), windows), (raw, trends), rest);
+    let stopped = stopped(&network, &rest, &noise);
+    drop(network);
+    let wanted = bandwidth(&stopped, &Judge::new(patches, raw.len(), windows), (raw, trends), rest);
     let steps = widest(&wanted);
-    Flow { network: network.narrowed(&wanted, steps), steps }
+    Flow { network: stopped.narrowed(&wanted, steps), steps }
 }
 
 /// The links that light can flow over without crossing an edge of its own.
@@ -242,17 +248,22 @@ fn bandwidth(network: &Network, judge: &Judge<'_>, (raw, trends): (&[Pair], &[Pa
 }
 
 /// Trends of a field, and 2F − F² of the rest, with F the flow; the larger of that and half of what F makes of it, as
-/// `larger` says. Beside jumps there would be rims of black otherwise.
+/// `larger` says. Beside jumps there would be rims of black otherwise. Where nothing flows, light stays to the last bit.
 fn straightened<T: Field>(flow: &Flow, field: &[T], trends: Vec<T>, larger: impl Fn(T, T) -> T + Sync) -> Vec<T> {
-    let rest = parallel::map_light(field.len(), |i| field[i] - trends[i]);
-    let once = flow.network.flow(rest.clone(), flow.steps);
+    let rest = |i: usize| field[i] - trends[i];
+    let once = flow.network.flow(parallel::map_light(field.len(), rest), flow.steps);
     let twice = flow.network.flow(once.clone(), flow.steps);
     parallel::map_light(once.len(), |i| {
-        // Where nothing flows, light stays to the last bit.
-        let straight = field[i] + ((once[i] - rest[i]) + (once[i] - twice[i]));
-        let half = (trends[i] + once[i]) * 0.5;
-        larger(larger(straight, half), half * 0.0)
+        let straight = field[i] + ((once[i] - rest(i)) + (once[i] - twice[i]));
+        larger(straight, (trends[i] + once[i]) * 0.5)
     })
+}
+
+/// Light that is `capped` by twice what flows of the field that it was made of: without trends, it could not be more. With
+/// them, 3·10⁻⁵ of the sun glimmered in black shadows.
+fn bounded<T: Field>(flow: &Flow, field: &[T], light: Vec<T>, capped: impl Fn(T, T) -> T + Sync) -> Vec<T> {
+    let flowed = flow.network.flow(field.to_vec(), flow.steps);
+    parallel::map_light(light.len(), |i| capped(light[i], flowed[i] * 2.0))
 }
 
 /// Squared bias of the mean of two halves, on average [lx²].

@@ -13,9 +13,9 @@
 //! means of the differences over links, not least squares, so that nothing depends on where the origin is. How much of a
 //! slope is believed is Wiener's filter, by what two half-budgets agree on.
 //!
-//! Tried: windows half as wide, 0.69 % of error instead of 0.67 % (chairs) and 1.70 instead of 1.75 % (two rooms, a quarter
-//! of the rays), but 2.86 instead of 2.80 % with a sixteenth; twice as wide, 0.84 instead of 0.82 % (two rooms). Noise that
-//! counts three times or a third in what is believed: alike within 0.02 %.
+//! Tried: windows half as wide, 1.69 % of error instead of 1.75 % (two rooms, a quarter of the rays), but 2.86 instead of
+//! 2.80 % (chairs, a sixteenth); twice as wide, 1.79 instead of 1.75 % (two rooms). Noise that counts three times or a third
+//! in what is believed: 1.78 and 1.76 %.
 //!
 //! Symbols: x place [m]   u light   g rate of a link   M = Σ g Δx Δxᵀ   q = Σ g Δx Δu   slope = M⁻¹ q
 //!
@@ -53,8 +53,8 @@ struct Moments<T> {
 }
 
 impl<'a> Trend<'a> {
-    /// For light at positions [m], and its trend; `seen` makes of a part of the light the squared signal in it and its noise, `larger` is as
-    /// for [`Trend::of`].
+    /// For light at positions [m], and its trend; `seen` makes of a part of the light the squared signal in it and its
+    /// noise, `larger` is as for [`Trend::of`].
     pub(super) fn new<T: Field>(
         positions: &[Vec3],
         (network, windows): (&'a Network, &'a Windows),
