@@ -48,11 +48,19 @@ const TYPICAL: f32 = 32.0;
 const ENOUGH_AT_EDGES: f32 = 0.3;
 /// Share of the scene's mean that counts as visible everywhere.
 const DARK: f32 = 0.05;
+/// Least samples per half where an edge is known to be. With one sample, a hundredth of the texels had 0.69 of the squared
+/// error of courtyard (61,000 texels, a sixteenth of the rays of `production`), 3.2 % NRMSE; with these it is 2.0 %, in the
+/// same time (with 4 or 8 2.1 %, with 32 1.95 %).
+const LEAST_AT_EDGES: u32 = 16;
 
-/// Samples per half of the first round. Twice as many where an edge of a shadow is known to be: it may cut off so
-/// little that few samples do not notice.
-pub(super) fn first_samples(samples: u32, at_edges: bool) -> u32 {
-    if at_edges { samples } else { samples.div_ceil(2) }.max(1)
+/// Samples per half of the first round, `each` for suns that have a size.
+pub(super) fn first_samples(samples: u32, each: bool) -> u32 {
+    if each { samples } else { samples.div_ceil(2) }.max(1)
+}
+
+/// The same where the edge of a shadow is known to be: it may cut off so little that few samples do not notice.
+pub(super) fn first_at_edge(samples: u32) -> u32 {
+    (2 * samples).max(LEAST_AT_EDGES)
 }
 
 /// What each kind wants, patches ascending. Kinds come with whether they are sampled at edges alone.
@@ -74,31 +82,34 @@ pub(super) fn wanted(
     };
     let most = (samples * MOST / 2).max(1);
     let typical = samples as f32 / 2.0;
-    let one = |estimates: &[Estimate], enough: f32, i: usize| {
+    let one = |estimates: &[Estimate], at_edges: bool, i: usize| {
         let own = estimates[i];
         if own.samples == 0 || own.samples >= most {
             return None;
         }
         let (mut spread, mut judges) = (variance(&own), 1.0);
         let (mut light, mut count) = (visible[i], 1.0);
+        let (known, mut between) = (middle(&own), 0.0f32);
         neighbors.of(i, |j| {
             light += visible[j];
             count += 1.0;
             if estimates[j].samples > 0 {
                 spread += variance(&estimates[j]);
                 judges += 1.0;
+                between = between.max((middle(&estimates[j]) - known).length_squared());
             }
         });
         let level = (light / count).max(visible[i]) + DARK * mean;
         let n = own.samples as f32;
-        let gain = spread / judges / (n * n) * typical;
-        let factor = (gain / (enough * level).max(f32::MIN_POSITIVE)).sqrt();
+        // Of few samples none may lie beyond an edge.
+        let unnoticed = if own.samples <= first_samples(samples, at_edges) { between / 24.0 } else { 0.0 };
+        let gain = (spread / judges).max(unnoticed) / (n * n) * typical;
+        let factor = (gain / (enough(at_edges) * level).max(f32::MIN_POSITIVE)).sqrt();
         let times = (factor.min(8.0).ceil() as u32).next_power_of_two();
         (factor > 1.0).then(|| (i as u32, (own.samples * times).min(most)))
     };
     let all = |&(estimates, at_edges): &(&[Estimate], bool)| {
-        let enough = enough(at_edges);
-        parallel::map(n, |i| one(estimates, enough, i)).into_iter().flatten().collect()
+        parallel::map(n, |i| one(estimates, at_edges, i)).into_iter().flatten().collect()
     };
     kinds.iter().map(all).collect()
 }
@@ -108,4 +119,10 @@ fn variance(estimate: &Estimate) -> f32 {
     let [a, b] = [0, 1].map(|h| estimate.halves[h] - estimate.gathered[h]);
     let difference = a - b;
     difference.length_squared() / 12.0 * estimate.samples as f32
+}
+
+/// Mean of the halves without what the gather finds.
+fn middle(estimate: &Estimate) -> Rgb {
+    let [a, b] = [0, 1].map(|h| estimate.halves[h] - estimate.gathered[h]);
+    (a + b) * 0.5
 }

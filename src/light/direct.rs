@@ -111,9 +111,12 @@ pub fn direct(
     let context = Context { look, emitters, patches, hard, common, settings };
     let mut layers = vec![];
     for kind in [Kind::Each, Kind::Finite, Kind::Infinity] {
-        let first = allot::first_samples(settings.samples, kind == Kind::Each);
+        let first = |i: usize| match kind {
+            Kind::Each if context.has_edge(i) => allot::first_at_edge(settings.samples),
+            _ => allot::first_samples(settings.samples, kind == Kind::Each),
+        };
         let list: Vec<Allotment> =
-            (0..patches.len()).filter(|&i| context.has(kind, i)).map(|i| (i as u32, first)).collect();
+            (0..patches.len()).filter(|&i| context.has(kind, i)).map(|i| (i as u32, first(i))).collect();
         if !list.is_empty() {
             let vectors = if settings.directional { patches.len() } else { 0 };
             let (estimates, vectors) =
@@ -162,6 +165,11 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
                 Kind::Finite => self.emitters.has_finite(),
                 Kind::Infinity => !self.emitters.infinity.is_black(),
             }
+    }
+
+    /// The edge of a shadow is known to cut the patch.
+    fn has_edge(&self, patch: usize) -> bool {
+        self.hard.edges[patch] != 0 && !(self.look)().has_relief(patch)
     }
 
     /// Gives patches of a list as many samples per half as it says; the number of rays.
