@@ -161,7 +161,8 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     } else {
         vec![]
     };
-    let setup = solve::Setup { settings, tracer: &tracer, patches: &patches, graph: &graph, openness: &openness };
+    let ways = clock.timed("links", |_| solve::held_ways(settings, &patches, &graph))?;
+    let setup = solve::Setup { settings, tracer: &tracer, patches: &patches, graph: &graph, ways, openness: &openness };
     let finished = |solution: &Solution, progress: &Progress| {
         let mut results = results(&setup, &groups, &atlas, &seams, solution, progress);
         if request.html.is_some() {

@@ -120,7 +120,8 @@ fn unit(mut map: Lightmap) -> Lightmap {
 
 /// Root mean square error of the channels [lx].
 fn standard_error(setup: &Setup<'_>, solution: &Solution) -> Vec<Rgb> {
-    let [direct, indirect] = [0, 1].map(|k: usize| solution.errors[k].expected(setup.patches, setup.graph));
+    let network = setup.network();
+    let [direct, indirect] = [0, 1].map(|k: usize| solution.errors[k].expected(setup.patches, &network));
     let one = |i: usize| ((direct[i].max(0.0) + indirect[i].max(0.0)) / 3.0).sqrt();
     parallel::map(setup.patches.front, |i| Rgb::splat(one(i)))
 }

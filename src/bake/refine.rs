@@ -21,9 +21,6 @@ use crate::settings::{Aov, SplatMode};
 
 /// Seconds to hold back for putting files in place.
 const WRITE_SECONDS: f64 = 0.1;
-/// Patches up to which direct and indirect light flow side by side: of few, single steps are too short for two threads
-/// (15,246 texels: 62 ms one after the other, 43 side by side); of many, both at once take too much memory.
-const SIDE_BY_SIDE: usize = 1 << 17;
 /// Keeps the seeds of groups apart from those of passes.
 const GROUPS: u64 = 0x6c69_6768_7473;
 /// Times what was measured, to hold back for sharing and encoding.
@@ -105,14 +102,14 @@ fn share(setup: &Setup<'_>, halves: &mut Halves) -> [Errors; 2] {
         }
         let [a, b] = halves;
         let along = Along { part, vectors: Some(vectors) };
-        finish::share(setup.patches, setup.graph, [a, b], along)
+        finish::share(setup.patches, setup.ways(setup.patches.front), [a, b], along)
     };
     let splits = setup.settings.aov.iter().any(|aov| matches!(aov, Aov::Direct | Aov::Indirect));
     let Halves { direct, indirect, sky, vectors: [vectors, bounced], .. } = halves;
     let mut indirect = || flow(indirect, splits.then_some(sky), bounced);
     let mut direct = || flow(direct, None, vectors);
-    let few = setup.patches.front <= SIDE_BY_SIDE;
-    let (indirect, direct) = if few { rayon::join(indirect, direct) } else { (indirect(), direct()) };
+    // Of few texels, single steps are too short for two threads: 15,246 take 62 ms one after the other, 43 side by side.
+    let (indirect, direct) = if setup.ways.is_some() { rayon::join(indirect, direct) } else { (indirect(), direct()) };
     [direct, indirect]
 }
 

@@ -81,7 +81,7 @@ fn light(tracer: &Tracer<'_>, patches: &Patches, settings: &Settings, clock: &mu
     let graph = clock.timed("links", |progress| PatchGraph::new(patches, tracer, progress))?;
     let settings = Settings { gather: 0, directional: Directional::None, ..settings.clone() };
     let all = groups::groups(tracer.scene(), false);
-    let setup = Setup { settings: &settings, tracer, patches, graph: &graph, openness: &[] };
+    let setup = Setup { settings: &settings, tracer, patches, graph: &graph, ways: None, openness: &[] };
     let mut solver = Solver::new(&setup, &all[0].emitters, mix(settings.seed ^ SIDES));
     solver.pass(&setup, &Budget::new(&settings, patches, BUDGET, 0), clock)?;
     Ok(solver.roughly().into_iter().map(color::mean).collect())

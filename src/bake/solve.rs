@@ -18,7 +18,7 @@ use super::clock::{Clock, Stop};
 use super::power;
 use crate::base::random::mix;
 use crate::base::{LightVector, Progress, Rgb, color, parallel};
-use crate::finish::{self, Along, Errors};
+use crate::finish::{self, Along, Errors, Network, Ways};
 use crate::gather::{self, Gathered, Openness};
 use crate::light::glare::{Glare, Glared, Sent};
 use crate::light::{self, Emitters, shoot};
@@ -30,7 +30,11 @@ use crate::walk::{self, EmittedLines, Splat, Walk};
 use core::f32::consts::FRAC_1_PI;
 use core::ops::{Add, Mul, Sub};
 use glam::{Vec2, Vec3};
+use std::sync::Arc;
 
+/// Front patches up to which what light flows over is held, and direct and indirect light flow side by side: of more, it
+/// would take too much memory.
+const FEW: usize = 1 << 17;
 /// Rays of the gather for each sample of glare.
 const GLARE_RAYS: u32 = 2;
 
@@ -40,8 +44,30 @@ pub(super) struct Setup<'a> {
     pub(super) tracer: &'a Tracer<'a>,
     pub(super) patches: &'a Patches,
     pub(super) graph: &'a PatchGraph,
+    /// What light of the front patches flows over; `None` where it is made anew each time, so as not to be held.
+    pub(super) ways: Option<Ways>,
     /// What is open around the front patches, if a layer needs it.
     pub(super) openness: &'a [Openness],
+}
+
+/// What light flows over, where it is worth holding.
+pub(super) fn held_ways(settings: &Settings, patches: &Patches, graph: &PatchGraph) -> Option<Ways> {
+    let holds = settings.splat == SplatMode::Share && patches.front <= FEW;
+    holds.then(|| Ways::new(patches, graph, patches.front))
+}
+
+impl Setup<'_> {
+    /// What light of the first `n` patches flows over.
+    pub(super) fn ways(&self, n: usize) -> Ways {
+        let held = self.ways.as_ref().filter(|ways| ways.patches() == n);
+        held.map_or_else(|| Ways::new(self.patches, self.graph, n), Ways::clone)
+    }
+
+    /// Of that around the front patches, the links.
+    pub(super) fn network(&self) -> Arc<Network> {
+        let anew = || Arc::new(Network::new(self.patches, self.graph, self.patches.front));
+        self.ways.as_ref().map_or_else(anew, Ways::network)
+    }
 }
 
 /// What one pass may spend.
@@ -245,7 +271,7 @@ impl<'a> Solver<'a> {
             let left_out = |front| viewers.left_out(front);
             let left_out: Option<&(dyn Fn(usize) -> _ + Sync)> = if glare.is_empty() { None } else { Some(&left_out) };
             let field = gather::Field { tracer, patches, radiance, left_out, tilts: &tilts, sky, seed };
-            clock.timed("gather", |progress| self.gather(settings, budget, &field, graph, progress))?;
+            clock.timed("gather", |progress| self.gather(setup, budget, &field, progress))?;
             self.glare = Some(glare);
         }
         Ok(())
@@ -294,7 +320,7 @@ impl<'a> Solver<'a> {
             // The last bounce reads few texels near corners, so the walk's noise would show there as blotches.
             clock.timed("smooth", |_| {
                 let [a, b] = &mut smooth;
-                finish::share(patches, setup.graph, [a, b], Along::default());
+                finish::share(patches, setup.ways(patches.len()), [a, b], Along::default());
             })?;
         }
         let straight = |h: usize, i: usize| direct[i] - sky[i] + straight[h][i];
@@ -345,28 +371,22 @@ impl<'a> Solver<'a> {
         if all > first && viewers > 0 && !progress.cancelled() {
             let error = Errors::of_noise(&glared.halves());
             let mean = (all - first) as f32 * viewers as f32 / setup.patches.front as f32;
-            let samples = gather::second_round(&error.around(setup.patches, setup.graph), mean);
+            let samples = gather::second_round(&error.around(&setup.network()), mean);
             sampler.add(glared, |i| samples[i], progress);
         }
         self.shadow_rays += glared.rays - shot;
     }
 
     /// The last bounce. With sharing, two thirds of the rays go where the errors are largest after the first third.
-    fn gather(
-        &mut self,
-        settings: &Settings,
-        budget: &Budget,
-        field: &gather::Field<'_>,
-        graph: &PatchGraph,
-        progress: &Progress,
-    ) {
+    fn gather(&mut self, setup: &Setup<'_>, budget: &Budget, field: &gather::Field<'_>, progress: &Progress) {
+        let settings = setup.settings;
         let half = if settings.bounces == Some(0) { 0 } else { budget.gather.div_ceil(2) };
         let first = first_round(settings, half);
         self.gathered.add(field, |_| first, progress);
         if half > first && !progress.cancelled() {
             let [mut a, mut b] = self.gathered.halves();
-            let error = finish::share(field.patches, graph, [&mut a, &mut b], Along::default());
-            let rays = gather::second_round(&error.around(field.patches, graph), (half - first) as f32);
+            let error = finish::share(field.patches, setup.ways(a.len()), [&mut a, &mut b], Along::default());
+            let rays = gather::second_round(&error.around(&setup.network()), (half - first) as f32);
             self.gathered.add(field, |i| rays[i], progress);
         }
     }

@@ -13,10 +13,9 @@
 //!
 //! Limits: neighbours' noise counts as independent.
 
-use super::cells::{self, Cells};
+use super::cells::Cells;
 use super::windows::Windows;
 use crate::base::parallel;
-use crate::patches::Patches;
 use glam::Vec3;
 
 /// Squared difference that is chance, in variances.
@@ -26,16 +25,11 @@ const FEW: f32 = 16.0;
 
 /// Judges levels of flow.
 pub(super) struct Judge<'a> {
-    windows: &'a Windows,
-    cells: Cells,
+    pub(super) windows: &'a Windows,
+    pub(super) cells: &'a Cells,
 }
 
-impl<'a> Judge<'a> {
-    /// For the first `n` patches.
-    pub(super) fn new(patches: &Patches, n: usize, windows: &'a Windows) -> Self {
-        Self { windows, cells: Cells::new(patches, n, cells::WIDE) }
-    }
-
+impl Judge<'_> {
     /// Squared error to be expected of each patch, by the squared bias and the noise that each shows.
     pub(super) fn errors(&self, found: &[(f32, f32)]) -> Vec<f32> {
         let moments = |i: usize| {

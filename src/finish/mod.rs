@@ -9,13 +9,16 @@ mod judge;
 mod network;
 mod share;
 mod trend;
+mod ways;
 mod windows;
 
 pub use assemble::assemble;
 pub use dilate::dilate;
 pub use fill::{fill, refill};
 pub use hidden::fill_hidden;
+pub use network::Network;
 pub use share::{Along, Errors, share};
+pub use ways::Ways;
 
 /// One page of a lightmap, row-major, row 0 = v 0.
 #[derive(Debug, Clone, Default, PartialEq)]

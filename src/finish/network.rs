@@ -53,7 +53,7 @@ fn reach(stages: u32) -> f64 {
 type Rows = (Vec<(u32, f32)>, Vec<u32>);
 
 /// Links with their rates g/A, compressed rows.
-pub(super) struct Network {
+pub struct Network {
     first: Vec<u32>,
     links: Vec<(u32, f32)>,
 }
@@ -67,7 +67,8 @@ impl<T: Copy + Send + Sync + Add<Output = T> + Sub<Output = T> + Mul<f32, Output
 
 impl Network {
     /// Full conductances between the first `n` patches.
-    pub(super) fn new(patches: &Patches, graph: &PatchGraph, n: usize) -> Self {
+    #[must_use]
+    pub fn new(patches: &Patches, graph: &PatchGraph, n: usize) -> Self {
         // What is left of four links goes to those across the border of the chart.
         let spare = parallel::map(n, |i| {
             let across = graph.across(i).filter(|&j| (j as usize) < n).count();

@@ -42,10 +42,12 @@ use super::cells::{self, Cells};
 use super::judge::Judge;
 use super::network::{Field, Network};
 use super::trend::Trend;
+use super::ways::Ways;
 use super::windows::Windows;
 use crate::base::{LightVector, Rgb, parallel};
-use crate::patches::{PatchGraph, Patches};
+use crate::patches::Patches;
 use core::ops::{Add, Mul, Sub};
+use std::sync::Arc;
 
 /// Steps of flow that are compared; n steps spread light by √(0.4 n) texels: 0.6, 0.9, 1.3, 1.8, 2.5, 3.6, 5.1.
 const LEVELS: [usize; 8] = [0, 1, 2, 4, 8, 16, 32, 64];
@@ -108,16 +110,15 @@ impl Errors {
     /// they had (office, 128 rays per texel, the quarter of the texels with the lowest); from the cell alone, edges of
     /// shadows get lost.
     #[must_use]
-    pub fn expected(&self, patches: &Patches, graph: &PatchGraph) -> Vec<f32> {
+    pub fn expected(&self, patches: &Patches, network: &Network) -> Vec<f32> {
         let cells = Cells::new(patches, self.noise.len(), cells::NARROW);
         let in_cell = self.averaged(|values| cells.mean(&values));
-        self.around(patches, graph).into_iter().zip(in_cell).map(|(around, cell)| 0.5 * (around + cell)).collect()
+        self.around(network).into_iter().zip(in_cell).map(|(around, cell)| 0.5 * (around + cell)).collect()
     }
 
     /// Noise and bias around each patch: smoother, and never below the noise there.
     #[must_use]
-    pub fn around(&self, patches: &Patches, graph: &PatchGraph) -> Vec<f32> {
-        let network = Network::new(patches, graph, self.noise.len());
+    pub fn around(&self, network: &Network) -> Vec<f32> {
         self.averaged(|values| network.flow(values, AROUND))
     }
 
@@ -139,11 +140,10 @@ pub struct Along<'a> {
 }
 
 /// Shares two halves of irradiance [lx] of the first patches in place; what is in `along` flows the same way.
-pub fn share(patches: &Patches, graph: &PatchGraph, halves: [&mut Vec<Rgb>; 2], along: Along<'_>) -> Errors {
+pub fn share(patches: &Patches, ways: Ways, halves: [&mut Vec<Rgb>; 2], along: Along<'_>) -> Errors {
     let [a, b] = halves;
     let raw = parallel::map_light(a.len(), |i| Pair(a[i], b[i]));
-    let network = Network::new(patches, graph, raw.len());
-    let windows = Windows::new(patches, &network);
+    let Ways { network, windows, cells } = ways;
     let before = windows.means(|i| noise(raw[i]).max(unseen(raw[i])));
     let seen = |slope: Pair| [slope.0.dot(slope.1), noise(slope)];
     let larger = |a: Pair, b: Pair| Pair(a.0.max(b.0), a.1.max(b.1));
@@ -151,7 +151,7 @@ pub fn share(patches: &Patches, graph: &PatchGraph, halves: [&mut Vec<Rgb>; 2], 
     let part = along.part.map(|part| (trend.of(part, Rgb::max), part));
     let vectors = along.vectors.filter(|v| !v.is_empty()).map(|vectors| (trend.of(vectors, |a, _| a), vectors));
     drop(trend);
-    let flow = chosen(patches, network, &windows, (&raw, &trends), &before);
+    let flow = chosen(network, (&windows, cells), (&raw, &trends), &before);
     let capped = |light: Rgb, most: Rgb| light.min(most).max(Rgb::ZERO);
     let both = |light: Pair, most: Pair| Pair(capped(light.0, most.0), capped(light.1, most.1));
     let shared = bounded(&flow, &raw, straightened(&flow, &raw, trends, larger), both);
@@ -191,9 +191,8 @@ fn left(windows: &Windows, before: &[f32], shared: &[Pair]) -> Vec<f32> {
 
 /// How light flows that has these trends, with this noise around each block of patches.
 fn chosen(
-    patches: &Patches,
-    network: Network,
-    windows: &Windows,
+    network: Arc<Network>,
+    (windows, cells): (&Windows, Arc<Cells>),
     (raw, trends): (&[Pair], &[Pair]),
     noise: &[f32],
 ) -> Flow {
@@ -201,7 +200,7 @@ fn chosen(
     let noise = parallel::map_light(raw.len(), |i| noise[windows.block(i)]);
     let stopped = stopped(&network, &rest, &noise);
     drop(network);
-    let wanted = bandwidth(&stopped, &Judge::new(patches, raw.len(), windows), (raw, trends), rest);
+    let wanted = bandwidth(&stopped, &Judge { windows, cells: &cells }, (raw, trends), rest);
     let steps = widest(&wanted);
     Flow { network: stopped.narrowed(&wanted, steps), steps }
 }

@@ -9,7 +9,7 @@ use crate::solve::{Stage, load};
 use crate::support::stream;
 use glam::Vec3;
 use texelwalk::base::Rgb;
-use texelwalk::finish::{self, Along};
+use texelwalk::finish::{self, Along, Ways};
 
 /// Light that bends over metres, and jumps by half along a line that no border of a chart follows.
 fn truth(p: Vec3) -> f32 {
@@ -43,9 +43,10 @@ fn shared(stage: &Stage<'_>, noise: f32, seed: u64) -> Found {
         (0..n).map(one).collect()
     };
     let raw = squared(&a, &b).iter().sum::<f64>().sqrt();
-    let errors = finish::share(&stage.patches, &stage.graph, [&mut a, &mut b], Along::default());
+    let ways = Ways::new(&stage.patches, &stage.graph, n);
+    let errors = finish::share(&stage.patches, ways.clone(), [&mut a, &mut b], Along::default());
     let left = squared(&a, &b);
-    let expected = errors.expected(&stage.patches, &stage.graph);
+    let expected = errors.expected(&stage.patches, &ways.network());
     let single = left.iter().zip(&expected).map(|(l, e)| l / f64::from(*e)).sum::<f64>() / n as f64;
     Found { raw, left: left.iter().sum::<f64>().sqrt(), stated: errors.sum_of(|_| true).sqrt(), single: single.sqrt() }
 }
