@@ -7,7 +7,7 @@ use crate::support;
 use glam::Vec3;
 use texelwalk::base::random::Stage as Random;
 use texelwalk::base::{Progress, Rgb, Stream};
-use texelwalk::finish::{Along, share};
+use texelwalk::finish::{Along, Ways, share};
 use texelwalk::gather;
 use texelwalk::patches::{Shine, Tilts};
 use texelwalk::scene::{Light, Material, Scene, Sky};
@@ -153,7 +153,7 @@ fn furnace(name: &str, lines: u64, gather_rays: u32) -> (f64, f64) {
     let p = &stage.patches;
     let mut indirect = walk.indirect.clone();
     let mut other = indirect.clone();
-    share(p, &stage.graph, [&mut indirect, &mut other], Along::default());
+    share(p, Ways::new(p, &stage.graph, p.front), [&mut indirect, &mut other], Along::default());
     let radiance: Vec<Rgb> =
         (0..p.len()).map(|i| p.reflectance[i] * (direct[i] + indirect[i]) / std::f32::consts::PI).collect();
     let field = gather::Field {
@@ -349,7 +349,7 @@ fn sharing_conserves_flux_and_keeps_constants() {
     let p = &stage.patches;
     let mut constant = [(); 2].map(|()| vec![Rgb::ONE; p.front]);
     let [a, b] = &mut constant;
-    share(p, &stage.graph, [a, b], Along::default());
+    share(p, Ways::new(p, &stage.graph, p.front), [a, b], Along::default());
     assert!(constant.iter().flatten().all(|v| (v.x - 1.0).abs() < 1e-5));
     // Noise of two halves on equal light.
     let mut s = Stream::new(1, Random::Render, 0, 0);
@@ -359,7 +359,7 @@ fn sharing_conserves_flux_and_keeps_constants() {
         |v: &[Vec<Rgb>; 2]| (0..p.front).map(|i| f64::from((v[0][i].x + v[1][i].x) * 0.5 - 1.0).powi(2)).sum::<f64>();
     let (flux_before, variance_before) = (flux(&noise[0]), variance(&noise));
     let [a, b] = &mut noise;
-    let error = share(p, &stage.graph, [a, b], Along::default());
+    let error = share(p, Ways::new(p, &stage.graph, p.front), [a, b], Along::default());
     assert!((flux(&noise[0]) / flux_before - 1.0).abs() < 1e-5);
     let left = variance(&noise);
     assert!(left < 0.1 * variance_before, "{left} of {variance_before}");
@@ -497,12 +497,12 @@ fn light_is_shared_across_charts_where_the_surface_goes_on_and_nowhere_else() {
         (0..p.front).filter(own).map(|i| f64::from(e[i].x * p.exposed_area(i))).sum()
     };
     let before = [flux(&a, 0.0, 1.0), flux(&a, 1.0, 2.0), flux(&a, 2.0, 3.0)];
-    share(p, &stage.graph, [&mut a, &mut b], Along::default());
+    share(p, Ways::new(p, &stage.graph, p.front), [&mut a, &mut b], Along::default());
     let after = [flux(&a, 0.0, 1.0), flux(&a, 1.0, 2.0), flux(&a, 2.0, 3.0)];
     assert!((after[0] + after[1] - before[0] - before[1]).abs() < 1e-5, "flux of the two tiles: {before:?}, {after:?}");
     assert!((after[0] - before[0]).abs() > 1e-4, "nothing crossed the seam: {before:?}, {after:?}");
     assert!((after[2] - before[2]).abs() < 1e-5, "light crossed the wall: {before:?}, {after:?}");
     let (mut a, mut b) = (vec![Rgb::ONE; p.front], vec![Rgb::ONE; p.front]);
-    share(p, &stage.graph, [&mut a, &mut b], Along::default());
+    share(p, Ways::new(p, &stage.graph, p.front), [&mut a, &mut b], Along::default());
     assert!(a.iter().all(|e| (*e - Rgb::ONE).abs().max_element() < 1e-5));
 }
