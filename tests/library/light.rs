@@ -2,6 +2,8 @@
 //!
 //! χ² by Wilson and Hilferty's cube root; seeds are fixed, so a failure is a fault and not bad luck.
 
+#![allow(clippy::print_stderr, reason = "figures of the slow tests")]
+
 use crate::solve;
 use crate::solve::{Stage, square};
 use crate::support;
@@ -511,5 +513,32 @@ fn the_command_takes_an_environment_and_names_it() {
     assert_eq!(out.status.code(), Some(0), "{}", text(&out));
     for file in ["out.d", "out.json"] {
         assert!(std::fs::read_to_string(folder.path().join(file)).unwrap().contains("good.hdr"), "{file}");
+    }
+}
+
+#[test]
+fn one_sample_is_enough_to_find_edges_of_shadows() {
+    // A square in the light of a sun, and of a lamp as small as a marble, hides a part of a floor of 24 × 24 texels.
+    let mut all = square(Vec3::ZERO, Vec3::Z * 3.0, Vec3::X * 3.0).to_vec();
+    all.extend(square(Vec3::new(0.4, 0.5, 1.3), Vec3::new(1.1, 0.0, 1.0), Vec3::new(1.0, 0.0, -1.1)));
+    let sun = Light::Sun { direction: -Vec3::Y, illuminance: Rgb::ONE, angle: 0.0 };
+    let position = Vec3::new(1.5, 4.0, 1.5);
+    let lamp = Light::Point { position, intensity: Rgb::splat(16.0), range: f32::INFINITY, radius: 0.01 };
+    for (name, light, most) in [("sun", sun, 0.06), ("lamp", lamp, 0.11)] {
+        let mut scene = support::scene_from_triangles(&all);
+        scene.lights.push(light);
+        let stage = Stage::new(&scene, 8.0);
+        let p = &stage.patches;
+        let truth = stage.direct(2048);
+        let is_cut = |i: &usize| p.position[*i].y < 0.1 && (0.05..0.6).contains(&truth[*i].x);
+        let cut: Vec<usize> = (0..p.front).filter(is_cut).collect();
+        let mut sum = 0.0;
+        for seed in 1..=8 {
+            let [a, b] = stage.direct_halves(1, seed).halves;
+            sum += cut.iter().map(|&i| f64::from((a[i].x + b[i].x) * 0.5 - truth[i].x).powi(2)).sum::<f64>();
+        }
+        let off = (sum / (8 * cut.len()) as f64).sqrt();
+        eprintln!("{name}: {} texels cut, off by {off:.3}", cut.len());
+        assert!(cut.len() > 20 && off < most, "{name}: {off} of {} texels", cut.len());
     }
 }
