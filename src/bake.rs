@@ -151,7 +151,11 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     admit(&scene, &atlas, settings)?;
     let mut patches = clock.timed("patches", |progress| Patches::new(&tracer, &atlas, progress))?;
     warnings.extend(sides::turn(&tracer, &atlas, &mut patches, settings, &mut clock)?);
-    let graph = clock.timed("links", |progress| PatchGraph::new(&patches, &tracer, progress))?;
+    let (graph, ways) = clock.timed("links", |progress| {
+        let graph = PatchGraph::new(&patches, &tracer, progress);
+        let ways = solve::held_ways(settings, &patches, &graph);
+        (graph, ways)
+    })?;
     let groups = groups::groups(&scene, settings.light_groups);
     let facts = write::Facts { request, tracer: &tracer, scene: &scene, atlas: &atlas, patches: &patches };
     let seams = clock.timed("seams", |progress| Seams::new(&tracer, &atlas, &patches, progress))?;
@@ -161,7 +165,6 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     } else {
         vec![]
     };
-    let ways = clock.timed("links", |_| solve::held_ways(settings, &patches, &graph))?;
     let setup = solve::Setup { settings, tracer: &tracer, patches: &patches, graph: &graph, ways, openness: &openness };
     let finished = |solution: &Solution, progress: &Progress| {
         let mut results = results(&setup, &groups, &atlas, &seams, solution, progress);

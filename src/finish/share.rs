@@ -2,8 +2,8 @@
 //!
 //! In: irradiance as two halves that share no random number, and links. Out: both halves, smoother by the same linear
 //! map, and the squared error that is left in their mean; constant irradiance stays constant, and flux is conserved, but
-//! for what would be too dark or too bright beside jumps (`straightened`, `bounded`): of cornell, courtyard, office and room up to 5·10⁻⁴ of it
-//! with the rays of `production`, 1.2·10⁻³ with a sixteenth of them.
+//! for what would be too dark or too bright beside jumps (`straightened`, `bounded`): of cornell, courtyard, office and
+//! room up to 5·10⁻⁴ of it with the rays of `production`, 1.2·10⁻³ with a sixteenth of them.
 //!
 //! The fuzzy random walk's splat, made to converge: a bandwidth per texel that vanishes with the noise, and flow
 //! through reversible conductances (`network`). Design: Castro, Feixas, Sbert, "Fuzzy Random Walk", §5, leave both
@@ -139,7 +139,8 @@ pub struct Along<'a> {
     pub vectors: Option<&'a mut Vec<LightVector>>,
 }
 
-/// Shares two halves of irradiance [lx] of the first patches in place; what is in `along` flows the same way.
+/// Shares two halves of irradiance [lx] of the patches that `ways` are made for, in place; what is in `along` flows the
+/// same way.
 pub fn share(patches: &Patches, ways: Ways, halves: [&mut Vec<Rgb>; 2], along: Along<'_>) -> Errors {
     let [a, b] = halves;
     let raw = parallel::map_light(a.len(), |i| Pair(a[i], b[i]));

@@ -2,7 +2,7 @@
 //!
 //! In: patches and their graph. Out: links with their rates, and two kinds of surroundings in which errors are averaged.
 //!
-//! Memory: 38 bytes per patch for the links, 32 for the rest. [`share`](super::share) frees each of them as soon as it can,
+//! Memory: about 38 bytes per patch for the links, 32 for the rest. [`share`](super::share) frees each of them as soon as it can,
 //! if nobody else holds it.
 
 use super::cells::{self, Cells};

@@ -87,47 +87,53 @@ pub(super) fn wanted(
     };
     let most = (samples * MOST / 2).max(1);
     let typical = samples as f32 / 2.0;
-    let one = |estimates: &[Estimate], at_edges: bool, i: usize| {
+    let one = |estimates: &[Estimate], first: u32, enough: f32, i: usize| {
         let own = estimates[i];
         if own.samples == 0 || own.samples >= most {
             return None;
         }
         let (mut spread, mut judges) = (variance(&own), 1.0);
         let (mut light, mut count) = (visible[i], 1.0);
-        let (known, mut between) = (middle(&own), 0.0f32);
+        let (is_first, here, mut between) = (own.samples <= first, middle(&own), 0.0f32);
         neighbors.of(i, |j| {
             light += visible[j];
             count += 1.0;
             if estimates[j].samples > 0 {
                 spread += variance(&estimates[j]);
                 judges += 1.0;
-                between = between.max((middle(&estimates[j]) - known).length_squared());
+                if is_first {
+                    between = between.max((middle(&estimates[j]) - here).length_squared());
+                }
             }
         });
         let level = (light / count).max(visible[i]) + DARK * mean;
         let n = own.samples as f32;
         // A quarter of the squared step is the variance of a sample that falls on either side; see `variance` for the rest.
-        let unnoticed = if own.samples <= first_samples(samples, at_edges) { between / 24.0 } else { 0.0 };
-        let gain = (spread / judges).max(unnoticed) / (n * n) * typical;
-        let factor = (gain / (enough(at_edges) * level).max(f32::MIN_POSITIVE)).sqrt();
+        let gain = (spread / judges).max(between / 24.0) / (n * n) * typical;
+        let factor = (gain / (enough * level).max(f32::MIN_POSITIVE)).sqrt();
         let times = (factor.min(8.0).ceil() as u32).next_power_of_two();
         (factor > 1.0).then(|| (i as u32, (own.samples * times).min(most)))
     };
     let all = |&(estimates, at_edges): &(&[Estimate], bool)| {
-        parallel::map(n, |i| one(estimates, at_edges, i)).into_iter().flatten().collect()
+        let (first, enough) = (first_samples(samples, at_edges), enough(at_edges));
+        parallel::map(n, |i| one(estimates, first, enough, i)).into_iter().flatten().collect()
     };
     kinds.iter().map(all).collect()
 }
 
-/// Variance of one sample, from the two means: mean of the channels. What the gather finds, too, is not at stake.
-fn variance(estimate: &Estimate) -> f32 {
-    let [a, b] = [0, 1].map(|h| estimate.halves[h] - estimate.gathered[h]);
-    let difference = a - b;
-    difference.length_squared() / 12.0 * estimate.samples as f32
+/// The halves without what the gather finds, too: that is not at stake.
+fn halves(estimate: &Estimate) -> [Rgb; 2] {
+    [0, 1].map(|h| estimate.halves[h] - estimate.gathered[h])
 }
 
-/// Mean of the halves without what the gather finds.
+/// Variance of one sample, from the two means: mean of the channels.
+fn variance(estimate: &Estimate) -> f32 {
+    let [a, b] = halves(estimate);
+    (a - b).length_squared() / 12.0 * estimate.samples as f32
+}
+
+/// Mean of the halves.
 fn middle(estimate: &Estimate) -> Rgb {
-    let [a, b] = [0, 1].map(|h| estimate.halves[h] - estimate.gathered[h]);
+    let [a, b] = halves(estimate);
     (a + b) * 0.5
 }

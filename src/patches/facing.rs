@@ -76,18 +76,21 @@ impl Facing {
     /// Other surfaces lie on all of a front patch, one on what each triangle covers of it. Otherwise it may be so as well.
     pub(super) fn seals_all(&self, patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> bool {
         let fragments = patches.fragments.range(patch);
-        fragments.len() <= MOST_FACING
-            && fragments.into_iter().all(|f| {
-                let triangle = patches.fragments.triangle(patch, f);
-                self.may_seal(tracer, triangle) && {
-                    let (map, polygon) = (patches.map(triangle, patch), patches.polygon(patch, f));
-                    let ground = Ground::new(tracer.scene().corners(triangle));
-                    let at = |corner: &DVec2| SurfacePoint { triangle, b: map.weights(*corner) };
-                    let mut by = polygon.corners().iter().map(|corner| self.by(tracer, &ground, at(corner)));
-                    let first = by.next().flatten();
-                    first.is_some() && by.all(|by| by == first)
-                }
-            })
+        fragments.len() <= MOST_FACING && fragments.into_iter().all(|f| self.seals_corners(patches, tracer, patch, f))
+    }
+
+    /// One surface lies on all corners of what a triangle covers of a front patch.
+    fn seals_corners(&self, patches: &Patches, tracer: &Tracer<'_>, patch: usize, fragment: usize) -> bool {
+        let triangle = patches.fragments.triangle(patch, fragment);
+        if !self.may_seal(tracer, triangle) {
+            return false;
+        }
+        let (map, polygon) = (patches.map(triangle, patch), patches.polygon(patch, fragment));
+        let ground = Ground::new(tracer.scene().corners(triangle));
+        let at = |corner: &DVec2| SurfacePoint { triangle, b: map.weights(*corner) };
+        let mut by = polygon.corners().iter().map(|corner| self.by(tracer, &ground, at(corner)));
+        let first = by.next().flatten();
+        first.is_some() && by.all(|by| by == first)
     }
 
     /// [`Facing::seals`] for points of one triangle, each with its place in the texel.

@@ -153,7 +153,7 @@ fn furnace(name: &str, lines: u64, gather_rays: u32) -> (f64, f64) {
     let p = &stage.patches;
     let mut indirect = walk.indirect.clone();
     let mut other = indirect.clone();
-    share(p, Ways::new(p, &stage.graph, p.front), [&mut indirect, &mut other], Along::default());
+    share(p, Ways::new(p, &stage.graph, p.len()), [&mut indirect, &mut other], Along::default());
     let radiance: Vec<Rgb> =
         (0..p.len()).map(|i| p.reflectance[i] * (direct[i] + indirect[i]) / std::f32::consts::PI).collect();
     let field = gather::Field {
