@@ -113,10 +113,11 @@ impl Patches {
     /// Paths from these texels stay where it is narrow.
     fn is_sealed_place(&self, tracer: &Tracer<'_>, texels: &[u32]) -> bool {
         let (mut out, paths) = (0, (PATHS_PER_TEXEL * texels.len()).clamp(LEAST_PATHS, MOST_PATHS));
+        let mut way = 0;
         for k in 0..paths {
             let patch = texels[k * texels.len() / paths] as usize;
             let mut stream = Stream::new(0, Stage::Pockets, patch as u64, k as u64);
-            out += usize::from(self.finds_out(tracer, patch, &mut stream));
+            out += usize::from(self.finds_out(tracer, patch, &mut stream, &mut way));
             if out > paths / ONE_OUT_OF {
                 return false;
             }
@@ -124,8 +125,8 @@ impl Patches {
         true
     }
 
-    /// A diffuse path from a patch gets to where it is not narrow.
-    pub(super) fn finds_out(&self, tracer: &Tracer<'_>, patch: usize, stream: &mut Stream) -> bool {
+    /// A diffuse path from a patch gets to where it is not narrow. `way` is as in [`is_narrow`].
+    pub(super) fn finds_out(&self, tracer: &Tracer<'_>, patch: usize, stream: &mut Stream, way: &mut usize) -> bool {
         let scene = tracer.scene();
         let Some(point) = self.middle(tracer, patch) else { return true };
         // The bottom of a cupboard lies on it.
@@ -135,8 +136,9 @@ impl Patches {
             return false;
         }
         let limit = narrow(self.texel_edge(patch));
+        let mut is_wide = |middle: Vec3| !is_narrow(tracer, middle, limit, way);
         let (mut triangle, mut b, mut front) = (point.triangle, point.b, !self.is_behind(patch));
-        let (mut wide, mut way) = (false, 0);
+        let mut last = Width::Narrow;
         for _ in 0..SEGMENTS {
             let ground = Ground::new(scene.corners(triangle));
             let normal = if front { ground.normal() } else { -ground.normal() };
@@ -144,12 +146,14 @@ impl Patches {
             let direction = Frame::from_normal(normal).to_world(warp::square_to_cosine_hemisphere(u));
             let origin = tracer.leave(&ground, b, direction);
             let Some(hit) = tracer.closest_hit(&Ray { origin, direction, t_max: f32::INFINITY }) else { return true };
-            // Where walls meet at a corner, it is a little wider than in them.
+            // Where walls meet at a corner, it is a little wider than in them: two in a row must be wide.
             let middle = origin + direction * (0.5 * hit.t);
-            let was_wide = core::mem::replace(&mut wide, !is_narrow(tracer, middle, limit, &mut way));
-            if was_wide && wide {
-                return true;
-            }
+            last = match last {
+                Width::Narrow => Width::Unknown(middle),
+                Width::Unknown(_) | Width::Wide if !is_wide(middle) => Width::Narrow,
+                Width::Unknown(before) if !is_wide(before) => Width::Wide,
+                Width::Unknown(_) | Width::Wide => return true,
+            };
             (triangle, b, front) = (hit.triangle, hit.b, hit.front);
         }
         false
@@ -273,6 +277,15 @@ impl Left {
     }
 }
 
+/// How wide it is in the middle of a path's last segment. That is not looked at where the one before is narrow: if the next
+/// one is narrow too, it does not matter.
+enum Width {
+    Narrow,
+    /// At a position [m].
+    Unknown(Vec3),
+    Wide,
+}
+
 /// Half of the directions from a cube's middle to its faces, edges and corners.
 const WAYS: [[i8; 3]; 13] = [
     [0, 0, 1],
@@ -292,16 +305,14 @@ const WAYS: [[i8; 3]; 13] = [
 
 /// Through a point in the open, in some direction there is less room than this [m]. It is tried first in the direction
 /// in which it was narrow before: all along a wall that is the same.
-fn is_narrow(tracer: &Tracer<'_>, origin: Vec3, limit: f32, before: &mut usize) -> bool {
-    let reach =
-        |direction: Vec3| tracer.closest_hit(&Ray { origin, direction, t_max: limit }).map_or(limit, |hit| hit.t);
+fn is_narrow(tracer: &Tracer<'_>, origin: Vec3, limit: f32, way: &mut usize) -> bool {
     let narrow = |k: &usize| {
-        let way = Vec3::from_array(WAYS[*k].map(f32::from)).normalize();
-        let first = reach(way);
-        first < limit && first + reach(-way) < limit
+        let direction = Vec3::from_array(WAYS[*k].map(f32::from)).normalize();
+        let Some(hit) = tracer.closest_hit(&Ray { origin, direction, t_max: limit }) else { return false };
+        tracer.occluded(&Ray { origin, direction: -direction, t_max: limit - hit.t })
     };
-    let found = core::iter::once(*before).chain((0..WAYS.len()).filter(|k| k != before)).find(narrow);
-    *before = found.unwrap_or(*before);
+    let found = core::iter::once(*way).chain((0..WAYS.len()).filter(|k| k != way)).find(narrow);
+    *way = found.unwrap_or(*way);
     found.is_some()
 }
 

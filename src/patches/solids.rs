@@ -56,29 +56,45 @@ impl<'a> Probes<'a> {
         })
     }
 
-    /// What a ray meets first is the back of a solid. The inside of a glass or a lampshade is none.
-    fn meets_back(&self, ray: &Ray) -> bool {
+    /// What a ray meets first.
+    fn meets(&self, ray: &Ray) -> Met {
+        // The inside of a glass or a lampshade is no solid.
         let solid = |m: &Material| !m.is_two_sided() && m.transmission == 0.0;
         let tracer = self.solids.tracer;
-        tracer.closest_hit(ray).is_some_and(|hit| !hit.front && solid(tracer.scene().material(hit.triangle)))
+        match tracer.closest_hit(ray) {
+            None => Met::Nothing,
+            Some(hit) if !hit.front && solid(tracer.scene().material(hit.triangle)) => Met::Back,
+            Some(_) => Met::Other,
+        }
     }
+}
+
+/// What a ray meets first.
+#[derive(Clone, Copy, PartialEq)]
+enum Met {
+    Nothing,
+    /// The back of a solid.
+    Back,
+    Other,
 }
 
 /// The point lies in the open beyond doubt: none of its rays meets a back.
 pub(super) fn sees_no_back(solids: Solids<'_>, point: SurfacePoint) -> bool {
     let probes = Probes::new(solids, point);
-    !probes.rays().any(|ray| probes.meets_back(&ray))
+    !probes.rays().any(|ray| probes.meets(&ray) == Met::Back)
 }
 
 /// The point lies in a solid. Rays inside one may first meet the front of another that goes through it, or of a floor
 /// that it stands on: then all that they meet is looked at, and rays that say nothing do not count.
 pub(super) fn is_inside(solids: Solids<'_>, point: SurfacePoint) -> bool {
     let probes = Probes::new(solids, point);
-    let (mut backs, mut misses) = (0, 0);
+    let (mut backs, mut misses, mut lost) = (0, 0, 0);
     for ray in probes.rays() {
-        let hits = if probes.meets_back(&ray) { &mut backs } else { &mut misses };
-        *hits += 1;
-        if misses > PROBES - LEAST_BACKS {
+        let met = probes.meets(&ray);
+        *(if met == Met::Back { &mut backs } else { &mut misses }) += 1;
+        lost += u32::from(met == Met::Nothing);
+        // What meets nothing leaves nothing: so many would end the second look, too.
+        if misses > PROBES - LEAST_BACKS || lost > PROBES - HIDDEN_HITS {
             return false;
         }
     }
