@@ -79,9 +79,8 @@ impl Look<'_> {
             pairs.extend(self.parted(i, next));
             let Some(after) = at(axis, 2) else { continue };
             let read = |j: usize, low: bool| self.reaches(j, axis, low);
-            if patches.exposed[next] > 0.0 || (read(i, false) && read(after, true)) {
-                pairs.extend(self.parted(i, after));
-            }
+            let is_read = || patches.exposed[next] > 0.0 || (read(i, false) && read(after, true));
+            pairs.extend(self.parted(i, after).filter(|_| is_read()));
         }
         pairs
     }

@@ -187,7 +187,7 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
             let (sums, all) = self.sums(&mut look, layer.kind, patch, before.samples..samples);
             let mean = |mean: Rgb, sum: Rgb| (mean * before.samples as f32 + sum) / samples as f32;
             let unhidden = layer.unhidden.get(patch).map(|known| Unhidden {
-                all: if before.samples == 0 { all } else { known.all },
+                all: if Unhidden::is_needed(before.samples..samples) { all } else { known.all },
                 would: [0, 1].map(|h| mean(known.would[h], sums[h].0.unhidden)),
                 arrived: [0, 1].map(|h| mean(known.arrived[h], sums[h].0.all)),
             });
@@ -233,7 +233,8 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
                 if cut.is_empty() {
                     return Sums::default();
                 }
-                let known = range.start == 0 && !cut.is_close && !self.emitters.even_pieces().is_empty();
+                let known =
+                    Unhidden::is_needed(range.clone()) && !cut.is_close && !self.emitters.even_pieces().is_empty();
                 let all = if known { look.unhidden(patch, &site) } else { Rgb::ZERO };
                 let finite = |look: &mut Look<'a>, place: &Place, pick, u| look.finite(place, &mut cut, pick, u);
                 (self.sampled(look, kind, patch, range, finite), all)

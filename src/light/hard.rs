@@ -98,9 +98,9 @@ fn cells(look: &mut Look<'_>, patch: usize, mask: u64) -> Cells {
     let mut first = [f32::NAN; u64::BITS as usize];
     let (patches, emitters) = (look.patches, look.emitters);
     let near = NEAR * patches.texel_edge(patch);
-    let mut moments = Moments::default();
+    let (mut moments, mut last) = (Moments::default(), None);
     patches.quarters(patch, |point, within, area| {
-        let place = look.place(patch, point);
+        let place = look.place(patch, point, &mut last);
         let (mut seen, mut here) = (0u64, Lit::default());
         for (k, light) in emitters.hard.iter().enumerate().filter(|(k, _)| mask >> k & 1 == 1) {
             let (lit, share) = look.light_and_passing(&place, light, Vec2::ZERO);

@@ -40,6 +40,16 @@ pub(super) struct Place {
     geometric: Vec3,
 }
 
+/// A triangle on the side of a patch.
+#[derive(Clone, Copy)]
+pub(super) struct Facet {
+    triangle: u32,
+    ground: Ground,
+    lift: Option<Lift>,
+    /// 1, or −1 on its back.
+    sign: f32,
+}
+
 impl Place {
     /// The place as the choice among emitters sees it.
     pub(super) fn site(&self) -> Site {
@@ -76,19 +86,29 @@ impl<'a> Look<'a> {
         self.tracer.scene()
     }
 
-    pub(super) fn place(&self, patch: usize, point: SurfacePoint) -> Place {
+    /// A point of a patch; `last` keeps what points of one triangle have in common.
+    pub(super) fn place(&self, patch: usize, point: SurfacePoint, last: &mut Option<Facet>) -> Place {
         let scene = self.scene();
-        let sign = if self.patches.is_behind(patch) { -1.0 } else { 1.0 };
-        let ground = Ground::new(scene.corners(point.triangle));
-        let geometric = ground.normal() * sign;
+        let facet = match last {
+            Some(facet) if facet.triangle == point.triangle => facet,
+            _ => last.insert(self.facet(patch, point.triangle)),
+        };
+        let Facet { triangle, ground, lift, sign } = *facet;
         self.rounded(Place {
             ground,
-            lift: Lift::new(scene, point.triangle, geometric),
+            lift,
             b: point.b,
-            position: scene.position(point.triangle, point.b),
-            normal: scene.relief_normal_over(point.triangle, point.b, ground.normal()) * sign,
-            geometric,
+            position: scene.position(triangle, point.b),
+            normal: scene.relief_normal_over(triangle, point.b, ground.normal()) * sign,
+            geometric: ground.normal() * sign,
         })
+    }
+
+    fn facet(&self, patch: usize, triangle: u32) -> Facet {
+        let scene = self.scene();
+        let sign = if self.patches.is_behind(patch) { -1.0 } else { 1.0 };
+        let ground = Ground::new(scene.corners(triangle));
+        Facet { triangle, ground, lift: Lift::new(scene, triangle, ground.normal() * sign), sign }
     }
 
     /// A place that was drawn on a patch.
@@ -130,9 +150,9 @@ impl<'a> Look<'a> {
 
     /// The texel as the choice among emitters sees it.
     pub(super) fn site(&self, patch: usize) -> Site {
-        let mut points = Vec::with_capacity(8);
+        let (mut points, mut last) = (Vec::with_capacity(8), None);
         self.patches.cells(patch, 2, |point, _, _| {
-            let place = self.place(patch, point);
+            let place = self.place(patch, point, &mut last);
             points.push((place.position, place.normal));
         });
         let (position, normal) = (self.patches.position[patch], self.patches.normal[patch]);

@@ -17,6 +17,7 @@ use super::look::Look;
 use super::piece::Piece;
 use super::site::Site;
 use crate::base::Rgb;
+use core::ops::Range;
 use glam::DVec3;
 
 /// Pieces up to which all of them are looked at from a texel.
@@ -42,6 +43,11 @@ pub(super) struct Unhidden {
 }
 
 impl Unhidden {
+    /// It is asked for when a half goes on from so many samples to so many: fewer make no use of it.
+    pub(super) fn is_needed(samples: Range<u32>) -> bool {
+        samples.start < LEAST_SAMPLES && samples.end >= LEAST_SAMPLES
+    }
+
     /// What arrives, by one half of so many samples. Where nothing hides anything, it is all, without noise; where a part is
     /// hidden, the noise of that alone is left. Its bias falls with the number of samples, and is none where hiding does
     /// not depend on the point of the emitter and of the texel.
@@ -69,9 +75,9 @@ impl Look<'_> {
             return Rgb::ZERO;
         }
         let mean = |cells: u32| {
-            let (mut sum, mut total) = (Rgb::ZERO, 0.0);
+            let (mut sum, mut total, mut last) = (Rgb::ZERO, 0.0, None);
             self.patches.cells(patch, cells, |point, _, area| {
-                let Site { position, normal, .. } = self.place(patch, point).site();
+                let Site { position, normal, .. } = self.place(patch, point, &mut last).site();
                 let (position, normal) = (position.as_dvec3(), normal.as_dvec3());
                 let light = pieces.iter().map(|piece| piece.irradiance(position, normal));
                 sum += light.fold(Rgb::ZERO, |a, b| a + b) * area;

@@ -223,13 +223,16 @@ fn rows(
             continue;
         }
         let t = at(k);
-        let (own, inside) = (edge.at(scene, t), borders.inside(&edge, t));
+        let (own, mut inside) = (edge.at(scene, t), None);
         for (other, s) in partners.iter().take(MOST_PARTNERS) {
-            let [there, there_inside] = [other.at(scene, *s), borders.inside(other, *s)];
+            let there = other.at(scene, *s);
             let same = own.page == there.page && own.uv.distance(there.uv) < SAME;
+            if same || own.normal.dot(there.normal) < COS_FACING {
+                continue;
+            }
             let texel = edge.texel().min(other.texel()) as f32;
-            let on = own.normal.dot(there.normal) >= COS_FACING;
-            if !same && on && joined(tracer, patches, [&inside, &there_inside], texel, along) {
+            let inside = *inside.get_or_insert_with(|| borders.inside(&edge, t));
+            if joined(tracer, patches, [&inside, &borders.inside(other, *s)], texel, along) {
                 let surface = borders.surface(&edge).min(borders.surface(other));
                 let length = asked.length * surface * surface;
                 out.push((own.position, Row { sides: [taps(&own), taps(&there)], length }));
