@@ -14,8 +14,8 @@
 //! (Runge-Kutta-Legendre), a quarter was: 1.2 % NRMSE instead of 1.0 % in cornell, 40,000 texels, `production`. Step by
 //! step, sharing took 2.4 times as long (cornell, 94,000 texels, a sixteenth of the rays of `production`).
 //!
-//! Tried: both halves as vectors of four lanes: 3 % off sharing (99,000 to 434,000 texels), which waits for memory, for a third
-//! more of it.
+//! Tried: both halves as vectors of four lanes: 3 % off sharing (99,000 to 434,000 texels), within the noise, for a third more
+//! memory.
 //!
 //! Symbols: A exposed area [m²]   E irradiance [lx]   Φ = A E   c factor of a link in [0, 1]
 //!

@@ -90,8 +90,8 @@ struct Context<'a, L> {
 /// Sum of the samples of one half, and the slope over the texel.
 type Half = (Lit, Vec2);
 
-/// Both halves, and the light if nothing were in between where it is known.
-type Sums = ([Half; 2], Rgb);
+/// Both halves, and the light if nothing were in between, if it was asked for and is known.
+type Sums = ([Half; 2], Option<Rgb>);
 
 /// Direct light of every patch.
 #[must_use]
@@ -187,7 +187,7 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
             let (sums, all) = self.sums(&mut look, layer.kind, patch, before.samples..samples);
             let mean = |mean: Rgb, sum: Rgb| (mean * before.samples as f32 + sum) / samples as f32;
             let unhidden = layer.unhidden.get(patch).map(|known| Unhidden {
-                all: if Unhidden::is_needed(before.samples..samples) { all } else { known.all },
+                all: all.unwrap_or(known.all),
                 would: [0, 1].map(|h| mean(known.would[h], sums[h].0.unhidden)),
                 arrived: [0, 1].map(|h| mean(known.arrived[h], sums[h].0.all)),
             });
@@ -225,7 +225,7 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
                 let sums = self.sampled(look, kind, patch, range, |look, place, _, u| {
                     lights.iter().map(|l| look.light(place, l, u)).fold(Lit::default(), |a, b| a + b)
                 });
-                (sums, Rgb::ZERO)
+                (sums, None)
             }
             Kind::Finite => {
                 let site = look.site(patch);
@@ -235,14 +235,14 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
                 }
                 let known =
                     Unhidden::is_needed(range.clone()) && !cut.is_close && !self.emitters.even_pieces().is_empty();
-                let all = if known { look.unhidden(patch, &site) } else { Rgb::ZERO };
+                let all = known.then(|| look.unhidden(patch, &site));
                 let finite = |look: &mut Look<'a>, place: &Place, pick, u| look.finite(place, &mut cut, pick, u);
                 (self.sampled(look, kind, patch, range, finite), all)
             }
             Kind::Infinity => {
                 let rays = self.settings.gather_rays;
                 let sky = |look: &mut Look<'a>, place: &Place, pick, u| look.infinity(place, pick, u, rays);
-                (self.sampled(look, kind, patch, range, sky), Rgb::ZERO)
+                (self.sampled(look, kind, patch, range, sky), None)
             }
         }
     }

@@ -99,11 +99,11 @@ impl Patches {
         let found: Vec<u32> = (0..).zip(found).filter(|(_, found)| *found).map(|(i, _)| i).collect();
         let out = parallel::map_watched(found.len(), progress, |k| {
             let mut way = 0;
-            let mut finds_out = |path: &u32| {
+            let finds_out = |path: &u32| {
                 let mut stream = Stream::new(1, Stage::Pockets, u64::from(found[k]), u64::from(*path));
                 self.finds_out(tracer, found[k] as usize, &mut stream, &mut way)
             };
-            (0..PATHS).filter(&mut finds_out).count() as u32
+            (0..PATHS).filter(finds_out).count() as u32
         });
         let is_shut = |k: &usize| {
             let around = graph.neighbors(found[*k] as usize).iter().filter_map(|j| found.binary_search(j).ok());
