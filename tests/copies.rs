@@ -16,7 +16,7 @@ use std::path::Path;
 use support::{blob, direction, point, stream};
 use texelwalk::base::Rgb;
 use texelwalk::scene::{Instances, Rule, Scene, Settings, Sky, load_bytes};
-use texelwalk::trace::{Closed, Hit, Ray, Tracer};
+use texelwalk::trace::{Closed, Hit, Ray, Rays, Tracer};
 use texelwalk::walk::Splat;
 
 /// A floor, a bumpy ball, and a leaf whose texture is half holes; the ball and the leaf are placed by `nodes`.
@@ -172,7 +172,13 @@ fn rays_meet_what_they_would_meet_if_every_copy_were_stored() {
         assert_eq!(tracer.bounds(), plain.bounds());
         assert_eq!(tracer.triangle_count(), plain.triangle_count());
         let [mut hits, mut blocked, mut inside] = [0; 3];
-        for ray in rays(&stored, &plain, 150_000) {
+        let (all, mut together) = (rays(&stored, &plain, 150_000), Rays::default());
+        all.iter().for_each(|ray| together.add(ray, None));
+        let (each, occluded) = (tracer.closest_hits(&mut together).to_vec(), tracer.occluded_each(&mut together));
+        for (k, occluded) in occluded.enumerate() {
+            assert_eq!((each[k], occluded), (plain.closest_hit(&all[k]), plain.occluded(&all[k])), "{:?}", all[k]);
+        }
+        for ray in all {
             let [a, b] = [tracer.closest_hit(&ray), plain.closest_hit(&ray)];
             let whole =
                 |h: Option<Hit>| h.map(|h| (h.triangle, h.t.to_bits(), h.b.to_array().map(f32::to_bits), h.front));

@@ -52,13 +52,15 @@ use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, mix};
 use crate::base::{LightVector, Progress, Rgb, parallel, warp};
 use crate::patches::{PatchSurface, Patches, Sight, Tilts};
-use crate::trace::{Ray, Tracer};
+use crate::trace::{Hit, Ray, Rays, Tracer};
 use bent::Bent;
 use core::f32::consts::PI;
 use glam::{Vec2, Vec3};
 
 /// Rays of one half that a texel of a tile has points for.
 const MOST_RAYS: u32 = 1 << 16;
+/// Most rays of a texel that are traced together.
+const TOGETHER: usize = 128;
 /// Most rays that the second round gives a texel, as a multiple of the mean.
 const MOST_EXTRA: f32 = 8.0;
 /// Cosine between shading normal and triangle above which rays below the triangle are there by rounding.
@@ -182,36 +184,60 @@ impl Field<'_> {
         let mut left_out = self.left_out.map(|of| of(patch));
         let (tile, place) = self.patches.tile(patch);
         out.rays = (before.rays + rays).min(MOST_RAYS);
-        for (half, radiance) in self.radiance.into_iter().enumerate() {
-            let key = mix((Stage::Gather as u64) << 56 | (half as u64) << 52 | tile);
-            let sequence = Sequence::new(mix(self.seed ^ key));
-            for k in before.rays..out.rays {
-                let [u, v, x, y] = sequence.point(place * MOST_RAYS + k);
-                let aim = Aim::new(&surface, Vec2::new(u, v), Vec2::new(x, y));
-                let (light, elsewhere) = self.look(&aim, radiance, left_out.as_mut(), &mut out.sky);
-                out.sums[half] += light * (1.0 - elsewhere);
+        let sequences = [0, 1].map(|half: u64| {
+            let key = mix((Stage::Gather as u64) << 56 | half << 52 | tile);
+            Sequence::new(mix(self.seed ^ key))
+        });
+        let aim = |half: usize, k: u32| {
+            let [u, v, x, y] = sequences[half].point(place * MOST_RAYS + k);
+            (half, Aim::new(&surface, Vec2::new(u, v), Vec2::new(x, y)))
+        };
+        let rays = before.rays..out.rays;
+        let mut aims = [0, 1].into_iter().flat_map(|half| rays.clone().map(move |k| (half, k)));
+        let room = (2 * rays.len()).min(TOGETHER);
+        let (mut some, mut rays) = (Vec::with_capacity(room), Rays::with_capacity(room));
+        loop {
+            some.clear();
+            some.extend(aims.by_ref().take(room).map(|(half, k)| aim(half, k)));
+            if some.is_empty() {
+                return out;
+            }
+            rays.clear();
+            some.iter()
+                .filter_map(|(_, aim)| Some((aim.ray()?, aim.from)))
+                .for_each(|(ray, from)| rays.add(&ray, from));
+            let mut hits = self.tracer.closest_hits(&mut rays).iter();
+            for (half, aim) in &some {
+                let hit = aim.origin.and_then(|_| *hits.next()?);
+                let (light, elsewhere) = self.look(aim, hit, self.radiance[*half], left_out.as_mut(), &mut out.sky);
+                out.sums[*half] += light * (1.0 - elsewhere);
                 if let Some(bent) = &mut bent {
-                    bent.add(half, aim.normal, aim.drawn, light);
+                    bent.add(*half, aim.normal, aim.drawn, light);
                 }
             }
         }
-        out
     }
 
     /// Radiance from where a ray goes, and the share of it that is left out; what comes from the sky is added to `sky`
     /// as well.
-    fn look(&self, aim: &Aim, radiance: &[Rgb], left_out: Option<&mut LeftOut<'_>>, sky: &mut Rgb) -> (Rgb, f32) {
+    fn look(
+        &self,
+        aim: &Aim,
+        hit: Option<Hit>,
+        radiance: &[Rgb],
+        left_out: Option<&mut LeftOut<'_>>,
+        sky: &mut Rgb,
+    ) -> (Rgb, f32) {
         const NOTHING: (Rgb, f32) = (Rgb::ZERO, 0.0);
-        let Some(origin) = aim.origin else { return NOTHING };
+        let Some(ray) = aim.ray() else { return NOTHING };
         let Aim { direction, normal, open, .. } = *aim;
-        let ray = Ray { origin, direction, t_max: f32::INFINITY };
-        if let Some(hit) = self.tracer.closest_hit(&ray) {
+        if let Some(hit) = hit {
             let Some(seen) = self.patches.seen(&hit) else { return NOTHING };
             let tint = self.tracer.tint(&Ray { t_max: hit.t, ..ray });
             let light = radiance[seen.patch] * self.tilts.of(seen.patch).at(seen.within) * tint;
             let sight = || Sight {
                 patch: seen.patch,
-                position: origin,
+                position: ray.origin,
                 normal,
                 direction,
                 distance: hit.t,
@@ -238,6 +264,8 @@ struct Aim {
     normal: Vec3,
     /// It may read the sky.
     open: bool,
+    /// Triangle that it leaves.
+    from: Option<u32>,
 }
 
 impl Aim {
@@ -245,11 +273,18 @@ impl Aim {
         let spot = surface.sample(position);
         let (frame, normal) = (surface.shading_frame(&spot), surface.normal(&spot));
         let drawn = frame.to_world(warp::square_to_cosine_hemisphere(direction));
+        let triangle = spot.point.triangle;
         if let Some(origin) = surface.origin_smooth(&spot, drawn) {
-            return Self { origin: Some(origin), direction: drawn, drawn, normal: frame.n, open: true };
+            // A lifted ray may lead below the triangle.
+            let from = (drawn.dot(normal) > 0.0).then_some(triangle);
+            return Self { origin: Some(origin), direction: drawn, drawn, normal: frame.n, open: true, from };
         }
         let direction = drawn - normal * (2.0 * drawn.dot(normal));
         let origin = (frame.n.dot(normal) <= BENT).then(|| surface.origin(&spot, direction));
-        Self { origin, direction, drawn, normal: frame.n, open: false }
+        Self { origin, direction, drawn, normal: frame.n, open: false, from: Some(triangle) }
+    }
+
+    fn ray(&self) -> Option<Ray> {
+        Some(Ray { origin: self.origin?, direction: self.direction, t_max: f32::INFINITY })
     }
 }

@@ -18,7 +18,7 @@ use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, mix};
 use crate::base::{Progress, parallel};
 use crate::patches::{PatchSurface, Patches};
-use crate::trace::{Ray, Tracer};
+use crate::trace::{Ray, Rays, Tracer};
 use glam::{Vec2, Vec3};
 
 /// Rays of a texel.
@@ -52,14 +52,22 @@ fn texel(tracer: &Tracer<'_>, patches: &Patches, distance: f32, seed: u64, patch
     let surface = PatchSurface::shaded(tracer, patches, patch);
     let (tile, place) = patches.tile(patch);
     let sequence = Sequence::new(mix(seed ^ mix((Stage::Openness as u64) << 56 | tile)));
-    let (mut open, mut counted, mut sum, mut normals) = (0u32, 0u32, Vec3::ZERO, Vec3::ZERO);
-    for k in 0..RAYS {
-        let [u, v, x, y] = sequence.point(place * RAYS + k);
-        let aim = Aim::new(&surface, Vec2::new(u, v), Vec2::new(x, y));
+    let aims: Vec<Aim> = (0..RAYS)
+        .map(|k| {
+            let [u, v, x, y] = sequence.point(place * RAYS + k);
+            Aim::new(&surface, Vec2::new(u, v), Vec2::new(x, y))
+        })
+        .collect();
+    let mut rays = Rays::with_capacity(aims.len());
+    for aim in &aims {
+        aim.ray().iter().for_each(|ray| rays.add(&Ray { t_max: distance, ..*ray }, aim.from));
+    }
+    let counted = rays.len();
+    let mut occluded = tracer.occluded_each(&mut rays);
+    let (mut open, mut sum, mut normals) = (0u32, Vec3::ZERO, Vec3::ZERO);
+    for aim in &aims {
         normals += aim.normal;
-        let Some(origin) = aim.origin else { continue };
-        counted += 1;
-        if !tracer.occluded(&Ray { origin, direction: aim.direction, t_max: distance }) {
+        if aim.origin.is_some() && occluded.next() == Some(false) {
             open += 1;
             sum += aim.direction;
         }

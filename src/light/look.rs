@@ -31,6 +31,7 @@ fn balance(density: f32, cosine: f32) -> f32 {
 /// One place on a patch.
 #[derive(Clone, Copy)]
 pub(super) struct Place {
+    triangle: u32,
     ground: Ground,
     lift: Option<Lift>,
     b: Vec2,
@@ -51,6 +52,11 @@ pub(super) struct Facet {
 }
 
 impl Place {
+    /// The triangle, which a ray toward a direction cannot meet, unless it leads below that from a lifted start.
+    fn left(&self, direction: Vec3) -> Option<u32> {
+        (self.geometric.dot(direction) > 0.0).then_some(self.triangle)
+    }
+
     /// The place as the choice among emitters sees it.
     pub(super) fn site(&self) -> Site {
         Site { position: self.position, normal: self.normal, radius: 0.0, flat: true }
@@ -95,6 +101,7 @@ impl<'a> Look<'a> {
         };
         let Facet { triangle, ground, lift, sign } = *facet;
         self.rounded(Place {
+            triangle,
             ground,
             lift,
             b: point.b,
@@ -114,6 +121,7 @@ impl<'a> Look<'a> {
     /// A place that was drawn on a patch.
     pub(super) fn spot(&self, surface: &PatchSurface<'_>, spot: &Spot) -> Place {
         self.rounded(Place {
+            triangle: spot.point.triangle,
             ground: *surface.ground(spot),
             lift: surface.lift(spot).copied(),
             b: spot.point.b,
@@ -187,7 +195,7 @@ impl<'a> Look<'a> {
             Ray { origin, direction: place.position + seen.toward - origin, t_max: 1.0 }
         };
         self.rays += 1;
-        let unblocked = self.tracer.unblocked(&ray);
+        let unblocked = self.tracer.unblocked(&ray, place.left(toward));
         if unblocked == Rgb::ZERO {
             return none;
         }
@@ -219,7 +227,7 @@ impl<'a> Look<'a> {
         let target = self.tracer.leave(&piece.ground, s.b, -s.direction);
         self.rays += 1;
         let ray = Ray { origin, direction: target - origin, t_max: 1.0 };
-        let (unblocked, unhidden) = (self.tracer.unblocked(&ray), s.weighted * cosine);
+        let (unblocked, unhidden) = (self.tracer.unblocked(&ray, place.left(s.direction)), s.weighted * cosine);
         if unblocked == Rgb::ZERO {
             return Lit { unhidden, ..Lit::default() };
         }
@@ -264,7 +272,8 @@ impl<'a> Look<'a> {
         let (_, origin) = self.leave(place, direction)?;
         let target = surface.origin(spot, -direction);
         self.rays += 1;
-        let unblocked = self.tracer.unblocked(&Ray { origin, direction: target - origin, t_max: 1.0 });
+        let ray = Ray { origin, direction: target - origin, t_max: 1.0 };
+        let unblocked = self.tracer.unblocked(&ray, place.left(direction));
         let Place { position, normal, .. } = *place;
         let sight = Sight { patch, position, normal, direction, distance, facing };
         (unblocked != Rgb::ZERO).then_some((sight, unblocked))
@@ -281,7 +290,7 @@ impl<'a> Look<'a> {
         let Some((cosine, origin)) = self.leave(place, direction) else { return Lit::default() };
         self.rays += 1;
         let ray = Ray { origin, direction, t_max: f32::INFINITY };
-        let unblocked = self.tracer.unblocked(&ray);
+        let unblocked = self.tracer.unblocked(&ray, place.left(direction));
         if unblocked == Rgb::ZERO {
             return Lit::default();
         }

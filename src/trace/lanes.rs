@@ -30,6 +30,15 @@ pub(super) trait Lanes: Copy {
     fn at_most(self, other: Self) -> u32;
     /// A bit for each lane that is below the other one; not for NaN.
     fn below(self, other: Self) -> u32;
+    /// A bit for each number that equals this one.
+    #[inline(always)]
+    fn equal(numbers: &[u32; 8], number: u32) -> u32 {
+        let mut bits = 0;
+        for (k, n) in numbers.iter().enumerate() {
+            bits |= u32::from(*n == number) << k;
+        }
+        bits
+    }
     /// What [`Lanes::plane`] needs for near and for far planes along one axis, of a ray's `origin` and the negative
     /// reciprocal of its direction; `reach` bounds all coordinates.
     fn axis(origin: f32, inverse: f32, reach: f32) -> [[Self; 2]; 2];

@@ -62,6 +62,7 @@ mod avx2 {
     use super::super::lanes::Lanes;
     #[cfg(test)]
     use super::super::lanes::tests::planes_are_bounded;
+    use super::super::many;
     use super::super::traverse::traverse;
     use core::arch::x86_64::*;
 
@@ -90,6 +91,18 @@ mod avx2 {
         pub(in super::super) fn closest(self, tracer: &Tracer<'_>, ray: Ray3) -> Option<Hit> {
             // SAFETY: `self` exists, so the features have been detected.
             unsafe { closest(tracer, ray) }
+        }
+
+        #[inline]
+        pub(in super::super) fn closest_many(self, tracer: &Tracer<'_>, rays: &[Ray3], hits: &mut [Option<Hit>]) {
+            // SAFETY: `self` exists, so the features have been detected.
+            unsafe { closest_many(tracer, rays, hits) }
+        }
+
+        #[inline]
+        pub(in super::super) fn any_many(self, tracer: &Tracer<'_>, rays: &[Ray3], hits: &mut [Option<Hit>]) {
+            // SAFETY: `self` exists, so the features have been detected.
+            unsafe { any_many(tracer, rays, hits) }
         }
 
         #[cold]
@@ -136,6 +149,16 @@ mod avx2 {
         traverse::<Wide, true>(tracer, ray).is_some()
     }
 
+    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+    fn closest_many(tracer: &Tracer<'_>, rays: &[Ray3], hits: &mut [Option<Hit>]) {
+        many::trace::<Wide, false>(tracer, rays, hits);
+    }
+
+    #[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
+    fn any_many(tracer: &Tracer<'_>, rays: &[Ray3], hits: &mut [Option<Hit>]) {
+        many::trace::<Wide, true>(tracer, rays, hits);
+    }
+
     /// 16ε; see [`Wide::axis`].
     const SHIFT: f32 = 1.0 / (1u32 << 20) as f32;
 
@@ -170,7 +193,7 @@ mod avx2 {
 
         #[inline(always)]
         fn store(self) -> Eight {
-            let mut to = Eight::default();
+            let mut to = Eight([0.0; 8]);
             // SAFETY: features as above; `Eight` is 32 bytes, aligned to 32.
             unsafe { _mm256_store_ps(to.0.as_mut_ptr(), self.0) };
             to
@@ -186,6 +209,16 @@ mod avx2 {
         fn size(self) -> Self {
             // SAFETY: features as above.
             Self(unsafe { _mm256_andnot_ps(_mm256_set1_ps(-0.0), self.0) })
+        }
+
+        #[inline(always)]
+        fn equal(numbers: &[u32; 8], number: u32) -> u32 {
+            // SAFETY: features as above; eight numbers are 32 bytes, and the load needs no alignment.
+            unsafe {
+                let numbers = _mm256_loadu_si256(numbers.as_ptr().cast());
+                let equal = _mm256_cmpeq_epi32(numbers, _mm256_set1_epi32(number.cast_signed()));
+                _mm256_movemask_ps(_mm256_castsi256_ps(equal)) as u32
+            }
         }
 
         /// With r the reach: the reciprocal is off by 2ε, its product with the origin by 3ε, and two sums add ε each,

@@ -1,11 +1,11 @@
 //! [`Scene`] → [`Tracer`]: what a ray meets first, and whether two points see each other.
 //!
 //! `build` makes a hierarchy of eight boxes per node (cut by `split`), `copies` one per mesh that many parts share,
-//! `traverse` walks it with a `stack`, `triangle` decides watertightly what is met, `origin` finds starts of rays that
-//! never meet the surface they leave, `lift` those of rays that graze a smooth body made of facets. `crossings` are all
-//! that a ray crosses: `tint` knows from them what glass does to light, `solid` what the ray began in, for which `closed`
-//! knows what closes around a space. `lanes` are the eight-fold numbers of all that, `machine` has their AVX2 kind,
-//! chosen once per [`Tracer`].
+//! `traverse` walks it with a `stack`, `many` does so along several rays at once, `triangle` decides watertightly what
+//! is met, `origin` finds starts of rays that never meet the surface they leave, `lift` those of rays that graze a
+//! smooth body made of facets. `crossings` are all that a ray crosses: `tint` knows from them what glass does to light,
+//! `solid` what the ray began in, for which `closed` knows what closes around a space. `lanes` are the eight-fold
+//! numbers of all that, `machine` has their AVX2 kind, chosen once per [`Tracer`].
 //!
 //! Invariants:
 //! * [`Tracer::closest_hit`] and [`Tracer::occluded`] accept exactly the same hits, so one is the other's existence;
@@ -25,6 +25,7 @@ mod crossings;
 mod lanes;
 mod lift;
 mod machine;
+mod many;
 mod origin;
 mod solid;
 mod solids;
@@ -37,6 +38,7 @@ mod within;
 
 pub use closed::Closed;
 pub use lift::Lift;
+pub use many::Rays;
 pub use origin::Ground;
 
 use crate::scene::{Part, Scene};
@@ -118,6 +120,8 @@ struct Ray3 {
 
 /// One in so many triangles may let light pass and be kept twice.
 const MOST_VEILS: usize = 8;
+/// A hit of which nothing more is known.
+const SOMETHING: Hit = Hit { triangle: NO_TRIANGLE, b: Vec2::ZERO, t: 0.0, front: true };
 /// No triangle.
 const NO_TRIANGLE: u32 = u32::MAX;
 
@@ -205,6 +209,16 @@ impl<'a> Tracer<'a> {
         self.nearest(ray.into())
     }
 
+    /// What [`Tracer::closest_hit`] says of each of these rays, in their order.
+    pub fn closest_hits<'r>(&self, rays: &'r mut Rays) -> &'r [Option<Hit>] {
+        self.each_of::<false>(rays)
+    }
+
+    /// What [`Tracer::occluded`] says of each of these rays, in their order.
+    pub fn occluded_each<'r>(&self, rays: &'r mut Rays) -> impl ExactSizeIterator<Item = bool> + use<'r> {
+        self.each_of::<true>(rays).iter().map(Option::is_some)
+    }
+
     /// Anything between 0 and `t_max`.
     #[must_use]
     pub fn occluded(&self, ray: &Ray) -> bool {
@@ -240,27 +254,79 @@ impl<'a> Tracer<'a> {
 
     #[inline]
     fn nearest(&self, ray: Ray3) -> Option<Hit> {
-        #[cfg(target_arch = "x86_64")]
-        if let Some(avx2) = self.avx2
-            && machine::Avx2::within(ray.origin.abs().max_element())
-        {
-            let hit = avx2.closest(self, ray);
-            return if self.shared.is_empty() { hit } else { avx2.closest_shared(self, &ray, hit) };
+        let hit = match self.avx2_for(&ray) {
+            #[cfg(target_arch = "x86_64")]
+            Some(avx2) => avx2.closest(self, ray),
+            _ => traverse::<Portable, false>(self, ray),
+        };
+        if self.shared.is_empty() { hit } else { self.nearest_too(&ray, hit) }
+    }
+
+    /// The nearest hit of what is shared, or the one `before`.
+    fn nearest_too(&self, ray: &Ray3, before: Option<Hit>) -> Option<Hit> {
+        match self.avx2_for(ray) {
+            #[cfg(target_arch = "x86_64")]
+            Some(avx2) => avx2.closest_shared(self, ray, before),
+            _ => self.shared.closest::<Portable>(self, ray, before),
         }
-        let hit = traverse::<Portable, false>(self, ray);
-        if self.shared.is_empty() { hit } else { self.shared.closest::<Portable>(self, &ray, hit) }
+    }
+
+    fn each_of<'r, const ANY: bool>(&self, rays: &'r mut Rays) -> &'r [Option<Hit>] {
+        let (rays, hits) = rays.parts();
+        #[cfg(target_arch = "x86_64")]
+        let avx2 = self.avx2.filter(|_| rays.iter().all(|ray| self.avx2_for(ray).is_some()));
+        #[cfg(not(target_arch = "x86_64"))]
+        let avx2 = None::<core::convert::Infallible>;
+        match avx2 {
+            #[cfg(target_arch = "x86_64")]
+            Some(avx2) if ANY => avx2.any_many(self, rays, hits),
+            #[cfg(target_arch = "x86_64")]
+            Some(avx2) => avx2.closest_many(self, rays, hits),
+            _ => many::trace::<Portable, ANY>(self, rays, hits),
+        }
+        if !self.shared.is_empty() {
+            for (ray, hit) in rays.iter().zip(hits.iter_mut()) {
+                *hit = if !ANY {
+                    self.nearest_too(ray, *hit)
+                } else if hit.is_none() && self.any_too(ray) {
+                    Some(SOMETHING)
+                } else {
+                    *hit
+                };
+            }
+        }
+        hits
     }
 
     #[inline]
     fn any(&self, ray: Ray3) -> bool {
-        #[cfg(target_arch = "x86_64")]
-        if let Some(avx2) = self.avx2
-            && machine::Avx2::within(ray.origin.abs().max_element())
-        {
-            return avx2.any(self, ray) || !self.shared.is_empty() && avx2.any_shared(self, &ray);
+        let met = match self.avx2_for(&ray) {
+            #[cfg(target_arch = "x86_64")]
+            Some(avx2) => avx2.any(self, ray),
+            _ => traverse::<Portable, true>(self, ray).is_some(),
+        };
+        met || !self.shared.is_empty() && self.any_too(&ray)
+    }
+
+    /// It meets what is shared.
+    fn any_too(&self, ray: &Ray3) -> bool {
+        match self.avx2_for(ray) {
+            #[cfg(target_arch = "x86_64")]
+            Some(avx2) => avx2.any_shared(self, ray),
+            _ => self.shared.any::<Portable>(self, ray),
         }
-        traverse::<Portable, true>(self, ray).is_some()
-            || !self.shared.is_empty() && self.shared.any::<Portable>(self, &ray)
+    }
+
+    /// The machine has AVX2, and a ray is not too far out for it.
+    #[cfg(target_arch = "x86_64")]
+    #[inline]
+    fn avx2_for(&self, ray: &Ray3) -> Option<machine::Avx2> {
+        self.avx2.filter(|_| machine::Avx2::within(ray.origin.abs().max_element()))
+    }
+
+    #[cfg(not(target_arch = "x86_64"))]
+    fn avx2_for(&self, _ray: &Ray3) -> Option<core::convert::Infallible> {
+        None
     }
 
     /// Origin for a ray that leaves a triangle at `b` toward `direction`: pushed off the surface, to the side that the

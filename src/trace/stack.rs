@@ -27,6 +27,13 @@ impl Stack {
         Self { local: [0; LOCAL], spill: Vec::new(), len: 0 }
     }
 
+    /// Forgets everything.
+    #[inline(always)]
+    pub(super) fn clear(&mut self) {
+        self.spill.clear();
+        self.len = 0;
+    }
+
     #[inline(always)]
     fn push(&mut self, entry: u64) {
         if self.len < LOCAL {

@@ -10,6 +10,7 @@
 //!
 //! Invariant: the mean over many rays of either kind is the same. Scenes without transparent materials pay for one branch.
 
+use super::NO_TRIANGLE;
 use super::Ray;
 use super::Ray3;
 use super::Tracer;
@@ -18,13 +19,16 @@ use glam::Vec2;
 
 impl Tracer<'_> {
     /// Share of the light that comes along a ray from `t_max`, by channel: 0 where [`Tracer::occluded`] by what is opaque.
+    /// `from` is a triangle that the ray cannot meet, because it starts above it and leads away: that is cheaper to know than
+    /// to find.
     #[must_use]
     #[inline]
-    pub fn unblocked(&self, ray: &Ray) -> Rgb {
+    pub fn unblocked(&self, ray: &Ray, from: Option<u32>) -> Rgb {
+        let ray = Ray3 { passes: from.unwrap_or(NO_TRIANGLE), ..ray.into() };
         if !self.transparent {
-            return if self.occluded(ray) { Rgb::ZERO } else { Rgb::ONE };
+            return if self.any(ray) { Rgb::ZERO } else { Rgb::ONE };
         }
-        let clear = Ray3 { clear: true, ..ray.into() };
+        let clear = Ray3 { clear: true, ..ray };
         if self.any(clear) {
             return Rgb::ZERO;
         }

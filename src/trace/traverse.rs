@@ -75,7 +75,8 @@ fn closest<L: Lanes>(tracer: &Tracer<'_>, ray: &Ray3, shear: &Shear) -> Option<H
         if let Some((packet, count)) = child.as_packet() {
             let packet = &tracer.hierarchy.packets[packet];
             L::prefetch(packet.triangles.as_ptr().addr());
-            let mut mask = lanes.filter(packet, shear) & ((1 << count) - 1);
+            let own = L::equal(&packet.triangles, ray.passes);
+            let mut mask = lanes.filter(packet, shear) & ((1 << count) - 1) & !own;
             let mut improved = false;
             while mask != 0 {
                 let lane = mask.trailing_zeros() as usize % WIDTH;
@@ -120,7 +121,8 @@ fn any<L: Lanes>(tracer: &Tracer<'_>, ray: &Ray3, shear: &Shear) -> Option<Hit> 
         mask &= mask - 1;
         if let Some((packet, count)) = child.as_packet() {
             let packet = &tracer.hierarchy.packets[packet];
-            let mut passed = lanes.filter(packet, shear) & ((1 << count) - 1);
+            let own = L::equal(&packet.triangles, ray.passes);
+            let mut passed = lanes.filter(packet, shear) & ((1 << count) - 1) & !own;
             while passed != 0 {
                 let lane = passed.trailing_zeros() as usize % WIDTH;
                 passed &= passed - 1;
@@ -154,7 +156,7 @@ fn prefetch_later<L: Lanes>(tracer: &Tracer<'_>, node: &Node, mask: u32) {
 
 /// Asks for the first four cache lines of a child. No branch: whether it is a node or a packet cannot be predicted.
 #[inline(always)]
-fn prefetch<L: Lanes>(tracer: &Tracer<'_>, child: Child) {
+pub(super) fn prefetch<L: Lanes>(tracer: &Tracer<'_>, child: Child) {
     let (nodes, packets) = (tracer.hierarchy.nodes.as_ptr().addr(), tracer.hierarchy.packets.as_ptr().addr());
     let node = nodes.wrapping_add(child.index() * size_of::<Node>());
     let packet = packets.wrapping_add(child.index() * size_of::<Packet>());
@@ -172,7 +174,14 @@ pub(super) fn limit(t: f32, scale: f64) -> f32 {
 
 /// The exact test of one triangle; whether it is the best one now.
 #[inline(always)]
-fn improve(tracer: &Tracer<'_>, ray: &Ray3, shear: &Shear, packet: &Packet, lane: usize, best: &mut Best) -> bool {
+pub(super) fn improve(
+    tracer: &Tracer<'_>,
+    ray: &Ray3,
+    shear: &Shear,
+    packet: &Packet,
+    lane: usize,
+    best: &mut Best,
+) -> bool {
     let Some(crossing) = shear.cross(packet, lane) else { return false };
     take(tracer, ray, crossing, packet.triangles[lane], best)
 }
@@ -252,16 +261,15 @@ impl<L: Lanes> Slab<L> {
     /// Inner distances to the eight boxes, and a bit for each that is met before `limit`.
     #[inline(always)]
     pub(super) fn meet(&self, node: &Node, limit: L) -> (L, u32) {
-        let mut near = L::splat(0.0);
-        let mut far = limit;
-        let [[x, x_far], [y, y_far], [z, z_far]] = self.axes;
+        // Taken from memory where they are used: there are more of them than registers.
+        let [x, y, z] = &self.axes;
         let [sx, sy, sz] = &node.bounds;
         let [ex, ey, ez] = self.enter;
-        let (nx, fx) = (L::plane(&sx[ex & 1], x), L::plane(&sx[!ex & 1], x_far));
-        let (ny, fy) = (L::plane(&sy[ey & 1], y), L::plane(&sy[!ey & 1], y_far));
-        let (nz, fz) = (L::plane(&sz[ez & 1], z), L::plane(&sz[!ez & 1], z_far));
-        near = nx.most(ny).most(nz.most(near));
-        far = fx.least(fy).least(fz.least(far));
+        let (nx, fx) = (L::plane(&sx[ex & 1], x[0]), L::plane(&sx[!ex & 1], x[1]));
+        let (ny, fy) = (L::plane(&sy[ey & 1], y[0]), L::plane(&sy[!ey & 1], y[1]));
+        let (nz, fz) = (L::plane(&sz[ez & 1], z[0]), L::plane(&sz[!ez & 1], z[1]));
+        let near = nx.most(ny).most(nz.most(L::splat(0.0)));
+        let far = fx.least(fy).least(fz.least(limit));
         (near, near.at_most(far))
     }
 }

@@ -14,7 +14,7 @@ use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, mix};
 use crate::base::{Progress, Rgb, Stream, parallel, warp};
 use crate::patches::{PatchGraph, PatchSurface, Patches, Seen, Tilts};
-use crate::trace::{Line, Ray, Tracer};
+use crate::trace::{Hit, Line, Ray, Rays, Tracer};
 use glam::{DVec3, Vec2};
 
 /// Most lines per parallel task: two hundred tasks in a million lines.
@@ -68,16 +68,34 @@ struct Tally {
     culled: DVec3,
 }
 
+/// Lines that are traced together.
+struct Out {
+    lines: Vec<Line>,
+    rays: Rays,
+}
+
+impl Out {
+    fn new(n: usize) -> Self {
+        Self { lines: Vec::with_capacity(n), rays: Rays::with_capacity(n) }
+    }
+
+    fn add(&mut self, line: Line, from: Option<u32>) {
+        self.rays.add(&line.ray, from);
+        self.lines.push(line);
+    }
+}
+
 impl Shooter<'_> {
     /// Shoots `lines` lines of the emitters.
     pub(super) fn emitted(&self, emitted: &EmittedLines<'_>, lines: u64) -> Landed {
         let arrivals = Arrivals::new(self.patches.len(), 8.0 * f64::from(emitted.flux.max_element()));
         let tallies = parallel::map_chunks(lines as usize, chunk(lines), |range| {
-            let (mut tally, mut ends) = (Tally::default(), Vec::with_capacity(range.len()));
             self.progress.advance(range.len() as u64);
+            let mut out = Out::new(range.len());
             for k in range.filter(|_| !self.progress.cancelled()) {
-                ends.extend(self.land(&(emitted.line)(k as u64, lines), &mut tally));
+                out.add((emitted.line)(k as u64, lines), None);
             }
+            let (ends, tally) = self.land_all(&mut out);
             self.deposit(&ends, &arrivals);
             tally
         });
@@ -95,8 +113,8 @@ impl Shooter<'_> {
         let sequence = Sequence::new(mix(self.settings.seed ^ mix(u64::from(bounce) + 1)));
         let step = total / lines as f64;
         let tallies = parallel::map_chunks(lines as usize, chunk(lines), |range| {
-            let (mut tally, mut ends) = (Tally::default(), Vec::with_capacity(range.len()));
             self.progress.advance(range.len() as u64);
+            let mut out = Out::new(range.len());
             let mut prepared: Option<(usize, PatchSurface<'_>)> = None;
             let mut patch = running.partition_point(|&s| s <= (range.start as f64 + offset) * step);
             for k in range.filter(|_| !self.progress.cancelled()) {
@@ -114,9 +132,10 @@ impl Shooter<'_> {
                     Some(p) if p.0 == patch => p,
                     _ => prepared.insert((patch, PatchSurface::new(self.tracer, self.patches, patch))),
                 };
-                let ray = leave(surface, u, patch, starts);
-                ends.extend(self.land(&Line { ray, flux: part(unshot[patch], step) }, &mut tally));
+                let (ray, from) = leave(surface, u, patch, starts);
+                out.add(Line { ray, flux: part(unshot[patch], step) }, Some(from));
             }
+            let (ends, tally) = self.land_all(&mut out);
             self.deposit(&ends, &arrivals);
             tally
         });
@@ -132,7 +151,7 @@ impl Shooter<'_> {
             let target = (k as f64 + s.next_f64()) / lines as f64 * total;
             let patch = running.partition_point(|&sum| sum <= target).min(running.len() - 1);
             let surface = PatchSurface::new(self.tracer, self.patches, patch);
-            let ray = leave(&surface, core::array::from_fn(|_| s.next_f32()), patch, starts);
+            let (ray, _) = leave(&surface, core::array::from_fn(|_| s.next_f32()), patch, starts);
             self.sent_on(&Line { ray, flux: part(unshot[patch], 1.0) })
         };
         parallel::sum(lines as usize, back) / lines as f64
@@ -147,14 +166,22 @@ impl Shooter<'_> {
 
     /// What becomes of a line's flux at its first hit, mean of the channels.
     fn sent_on(&self, line: &Line) -> f64 {
-        let arrival = self.land(line, &mut Tally::default());
+        let arrival = self.land(line, self.tracer.closest_hit(&line.ray), &mut Tally::default());
         arrival.map_or(0.0, |a| super::mean(a.flux * self.patches.albedo(a.patch)))
     }
 
+    /// Where the flux of all of it arrives, and what becomes of it.
+    fn land_all(&self, out: &mut Out) -> (Vec<Arrival>, Tally) {
+        let mut tally = Tally::default();
+        let hits = self.tracer.closest_hits(&mut out.rays);
+        let ends = out.lines.iter().zip(hits).filter_map(|(line, hit)| self.land(line, *hit, &mut tally)).collect();
+        (ends, tally)
+    }
+
     /// Where the line's flux arrives, if it is not lost.
-    fn land(&self, line: &Line, tally: &mut Tally) -> Option<Arrival> {
+    fn land(&self, line: &Line, hit: Option<Hit>, tally: &mut Tally) -> Option<Arrival> {
         tally.shot += line.flux.as_dvec3();
-        let Some(hit) = self.tracer.closest_hit(&line.ray) else {
+        let Some(hit) = hit else {
             tally.escaped += line.flux.as_dvec3();
             return None;
         };
@@ -166,13 +193,12 @@ impl Shooter<'_> {
         let flux = line.flux * self.tracer.tint(&Ray { t_max: hit.t, ..line.ray });
         // What glass takes away.
         tally.culled += (line.flux - flux).as_dvec3();
-        let length = line.ray.direction.length();
         Some(Arrival {
             patch,
             position: line.ray.origin + line.ray.direction * hit.t,
             within,
-            distance: hit.t * length,
-            cosine: (line.ray.direction.dot(self.patches.normal[patch]) / length).abs(),
+            distance: hit.t * line.ray.direction.length(),
+            direction: line.ray.direction,
             flux,
         })
     }
@@ -216,8 +242,8 @@ fn part(unshot: Rgb, mean: f64) -> Rgb {
     (unshot.as_dvec3() * (mean / super::mean(unshot).max(f64::MIN_POSITIVE))).as_vec3()
 }
 
-/// A cosine-distributed ray from a point of a patch.
-fn leave(surface: &PatchSurface<'_>, u: [f32; 4], patch: usize, starts: Starts<'_>) -> Ray {
+/// A cosine-distributed ray from a point of a patch, and the triangle that it leaves.
+fn leave(surface: &PatchSurface<'_>, u: [f32; 4], patch: usize, starts: Starts<'_>) -> (Ray, u32) {
     let at = Vec2::new(u[0], u[1]);
     let spot = match starts {
         Starts::Evenly => surface.sample(at),
@@ -225,7 +251,7 @@ fn leave(surface: &PatchSurface<'_>, u: [f32; 4], patch: usize, starts: Starts<'
         Starts::At(marks) => surface.at(marks[patch].within()),
     };
     let direction = surface.frame(&spot).to_world(warp::square_to_cosine_hemisphere(Vec2::new(u[2], u[3])));
-    Ray { origin: surface.origin(&spot, direction), direction, t_max: f32::INFINITY }
+    (Ray { origin: surface.origin(&spot, direction), direction, t_max: f32::INFINITY }, spot.point.triangle)
 }
 
 /// Running sum of the mean of the channels; the last entry is the total.

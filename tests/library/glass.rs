@@ -372,7 +372,7 @@ fn rays_into_out_of_and_along_edges_of_solids() {
     let tracer = Tracer::new(&scene);
     let ask = |origin: [f32; 3], direction: [f32; 3], t_max: f32, metres: f32| {
         let ray = Ray { origin: Vec3::from_array(origin), direction: Vec3::from_array(direction), t_max };
-        for (how, found) in [("shadow ray", tracer.unblocked(&ray)), ("path", tracer.tint(&ray))] {
+        for (how, found) in [("shadow ray", tracer.unblocked(&ray, None)), ("path", tracer.tint(&ray))] {
             let off = (found - left(metres)).abs().max_element();
             assert!(off < 1e-4, "{how} from {origin:?}: {found} instead of {}", left(metres));
         }

@@ -40,6 +40,7 @@ mod output;
 mod quantized;
 mod ray_origins;
 mod rays;
+mod rays_together;
 mod render;
 mod rewrite;
 mod rules;
