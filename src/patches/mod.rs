@@ -95,6 +95,8 @@ pub struct Patches {
     covered: Vec<f32>,
     fragments: Fragments,
     mask: Vec<u64>,
+    /// A bit for each front patch of which all is exposed and that lies on the front of its triangles.
+    plain: Vec<u64>,
     /// A sheet may stand within or beside the front patch.
     walled: Vec<bool>,
     /// By patch; empty if none lies in a hollow wall.
@@ -123,6 +125,7 @@ impl Patches {
         patches.walled = exposed::find(&mut patches, solids, progress);
         patches.close(tracer, progress);
         patches.find_readers(tracer, &closed, progress);
+        patches.find_plain();
         patches
     }
 

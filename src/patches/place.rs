@@ -44,15 +44,44 @@ impl Patches {
             return None;
         }
         let uv = t.at(hit);
-        let (x, y) = (uv.x.floor() as i32, uv.y.floor() as i32);
-        let mut front = self.grid_at(t.page, x, y).or_else(|| self.nearest(t.page, uv, hit.triangle))?;
+        let corner = uv.floor();
+        let at_corner = self.grid_at(t.page, corner.x as i32, corner.y as i32);
+        let (patch, corner) = match at_corner {
+            Some(front) if self.is_plain(front as usize) => {
+                (if hit.front { front } else { self.back_of[front as usize] }, corner)
+            }
+            _ => self.seen_beside(t.page, uv, at_corner, hit)?,
+        };
+        let within = (uv - corner).clamp(Vec2::ZERO, Vec2::ONE);
+        (patch != NO_PATCH).then_some(Seen { patch: patch as usize, within })
+    }
+
+    /// The same where that is not as simple: the patch, and the corner of its texel. `at_corner` is what the grid has at the
+    /// hit, which is at `uv` on its page [texels].
+    fn seen_beside(&self, page: u32, uv: Vec2, at_corner: Option<u32>, hit: &Hit) -> Option<(u32, Vec2)> {
+        let mut front = at_corner.or_else(|| self.nearest(page, uv, hit.triangle))?;
         if self.exposed[front as usize] <= 0.0 {
             front = self.exposed_beside(front as usize, uv).unwrap_or(front);
         }
         let patch = if hit.front != self.is_turned(front as usize) { front } else { self.back_of[front as usize] };
         let (x, y) = self.texel_xy(front as usize);
-        let within = (uv - Vec2::new(x as f32, y as f32)).clamp(Vec2::ZERO, Vec2::ONE);
-        (patch != NO_PATCH).then_some(Seen { patch: patch as usize, within })
+        Some((patch, Vec2::new(x as f32, y as f32)))
+    }
+
+    /// See `plain`; false for back patches. Most of what rays meet is plain, and a bit is in the cache when the rest of a
+    /// patch is not.
+    #[inline]
+    fn is_plain(&self, patch: usize) -> bool {
+        self.plain.get(patch / 64).is_some_and(|bits| bits >> (patch % 64) & 1 == 1)
+    }
+
+    /// Finds `plain`, once the other lists are known.
+    pub(super) fn find_plain(&mut self) {
+        let mut plain = vec![0; self.front.div_ceil(64)];
+        for i in (0..self.front).filter(|&i| self.exposed[i] > 0.0 && self.mask[i] == u64::MAX && !self.is_turned(i)) {
+            plain[i / 64] |= 1 << (i % 64);
+        }
+        self.plain = plain;
     }
 
     /// A hit that landed on `patch` lies on its exposed part, or at most a cell of the mask away from it: cells are in
@@ -60,7 +89,7 @@ impl Patches {
     /// half of another cannot receive. Flux from farther in would be spread over too small an area.
     #[must_use]
     pub fn receives(&self, patch: usize, hit: &Hit) -> bool {
-        if self.mask[patch] == u64::MAX {
+        if self.is_plain(patch) || self.mask[patch] == u64::MAX {
             return true;
         }
         let uv = self.surface.of(hit.triangle).at(hit);

@@ -98,6 +98,7 @@ impl Patches {
             }
         }
         self.find_readers(tracer, &Closed::new(tracer.scene()), progress);
+        self.find_plain();
     }
 
     /// Double-sided charts, ascending, that face a slit, a gap or the void.

@@ -40,7 +40,8 @@ pub(super) struct Arrival {
     /// From the corner of the texel [texels].
     pub(super) within: Vec2,
     pub(super) distance: f32,
-    pub(super) cosine: f32,
+    /// Of the line.
+    pub(super) direction: Vec3,
     pub(super) flux: Rgb,
 }
 
@@ -56,11 +57,16 @@ pub(super) fn deposit(
     let f = match splat {
         Splat::None => 0.0,
         Splat::Paper { alpha, beta } => {
-            fraction(patches.area[arrival.patch], arrival.cosine, arrival.distance, alpha, beta)
+            let d = arrival.direction;
+            let cosine = (d.dot(patches.normal[arrival.patch]) / d.length()).abs();
+            fraction(patches.area[arrival.patch], cosine, arrival.distance, alpha, beta)
         }
     };
+    if f <= 0.0 {
+        return deposit(arrival.patch, units);
+    }
     let neighbors = graph.neighbors(arrival.patch);
-    if f <= 0.0 || neighbors.is_empty() {
+    if neighbors.is_empty() {
         return deposit(arrival.patch, units);
     }
     let mut left = units;
