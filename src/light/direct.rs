@@ -6,6 +6,9 @@
 //! round gives every texel a share of its samples; [`allot`](super::allot) says which get more, and how many, in the
 //! rounds that follow. A half's points are one low-discrepancy sequence that later rounds go on with.
 //!
+//! Tried: the shadow rays of a patch traced together (`trace::Rays`), up to 128 at a time: 7 to 12 % slower in office and
+//! cornell. What each ray would bring has to be kept until it is answered.
+//!
 //! Invariants: same bits at any thread count; hidden patches get nothing; both halves get the same number of samples.
 
 use super::allot::{self, Allotment};

@@ -97,6 +97,19 @@ fn a_ray_that_says_which_triangle_it_leaves_meets_the_same() {
     }
 }
 
+/// Hierarchies of one packet, one node, and a few.
+#[test]
+fn rays_together_meet_the_same_in_small_scenes() {
+    let mut met = 0;
+    for n in (1..=20).chain([64, 65, 200]) {
+        let scene = scene_from_triangles(&place(&soup(n, 1.0, 6), skew(), 1.0, DVec3::ZERO));
+        let mut s = stream(n as u64);
+        let rays: Vec<_> = (0..500).map(|k| (ray(&mut s, k), None)).collect();
+        met += agree(&Tracer::new(&scene), &rays);
+    }
+    assert!(met > 1_000, "{met}");
+}
+
 #[test]
 fn no_rays_and_no_scene_give_nothing() {
     let scene = Scene::default();
