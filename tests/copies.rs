@@ -175,15 +175,13 @@ fn rays_meet_what_they_would_meet_if_every_copy_were_stored() {
         let (all, mut together) = (rays(&stored, &plain, 150_000), Rays::default());
         all.iter().for_each(|ray| together.add(ray, None));
         let (each, occluded) = (tracer.closest_hits(&mut together).to_vec(), tracer.occluded_each(&mut together));
-        for (k, occluded) in occluded.enumerate() {
-            assert_eq!((each[k], occluded), (plain.closest_hit(&all[k]), plain.occluded(&all[k])), "{:?}", all[k]);
-        }
-        for ray in all {
+        for ((ray, hit), occluded) in all.into_iter().zip(each).zip(occluded) {
             let [a, b] = [tracer.closest_hit(&ray), plain.closest_hit(&ray)];
             let whole =
                 |h: Option<Hit>| h.map(|h| (h.triangle, h.t.to_bits(), h.b.to_array().map(f32::to_bits), h.front));
             assert_eq!(whole(a), whole(b), "{ray:?}");
-            assert_eq!(tracer.occluded(&ray), plain.occluded(&ray), "{ray:?}");
+            assert_eq!(whole(hit), whole(b), "{ray:?}");
+            assert_eq!([tracer.occluded(&ray), occluded], [plain.occluded(&ray); 2], "{ray:?}");
             assert_eq!(tracer.leaves_solid(&ray, &closed[0]), plain.leaves_solid(&ray, &closed[1]), "{ray:?}");
             let (low, high) = (ray.origin - 0.05, ray.origin + 0.02);
             let odd = |t: u32| t.is_multiple_of(3);

@@ -5,9 +5,9 @@ is faster.
 
 * Embree comes from the Python wheel in requirements.txt (libembree4, without headers). The wheel's Python interface
   knows batches only, so embree.cpp beside this file calls rtcIntersect1 and rtcOccluded1, one ray per call.
-* tests/bench/rays.rs dumps its triangles and rays and measures them, 64 rays per query, as the baker asks; both programs
-  take batches of 250 rays, pass after pass, and add up each batch's best time. The two take turns, round by round; the
-  table has the best round.
+* tests/bench/rays.rs dumps its triangles and rays and measures them, 64 rays per query, as walk and gather ask for
+  many, too (shadow rays are asked for one by one); both programs take batches of 250 rays, pass after pass, and add up
+  each batch's best time. The two take turns, round by round; the table has the best round.
 * The numbers of hits have to agree: with robust mode exactly, else up to 1 ray in 10,000 (exit code 1).
 
 Prerequisites: cargo, a C++ compiler (c++, or $CXX), Python 3 with venv.

@@ -206,9 +206,7 @@ impl Field<'_> {
                 return out;
             }
             rays.clear();
-            some.iter()
-                .filter_map(|(_, aim)| Some((aim.ray()?, aim.from)))
-                .for_each(|(ray, from)| rays.add(&ray, from));
+            some.iter().for_each(|(_, aim)| aim.add_to(&mut rays, f32::INFINITY));
             let mut hits = self.tracer.closest_hits(&mut rays).iter();
             for (half, aim) in &some {
                 let hit = aim.origin.and_then(|_| *hits.next()?);
@@ -285,6 +283,13 @@ impl Aim {
         let direction = drawn - normal * (2.0 * drawn.dot(normal));
         let origin = (frame.n.dot(normal) <= BENT).then(|| surface.origin(&spot, direction));
         Self { origin, direction, drawn, normal: frame.n, open: false, from: Some(triangle) }
+    }
+
+    /// Adds the ray, up to a distance [m], if there is one.
+    fn add_to(&self, rays: &mut Rays, distance: f32) {
+        if let Some(ray) = self.ray() {
+            rays.add(&Ray { t_max: distance, ..ray }, self.from);
+        }
     }
 
     fn ray(&self) -> Option<Ray> {

@@ -18,7 +18,7 @@ use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, mix};
 use crate::base::{Progress, parallel};
 use crate::patches::{PatchSurface, Patches};
-use crate::trace::{Ray, Rays, Tracer};
+use crate::trace::{Rays, Tracer};
 use glam::{Vec2, Vec3};
 
 /// Rays of a texel.
@@ -59,9 +59,7 @@ fn texel(tracer: &Tracer<'_>, patches: &Patches, distance: f32, seed: u64, patch
         })
         .collect();
     let mut rays = Rays::with_capacity(aims.len());
-    for aim in &aims {
-        aim.ray().iter().for_each(|ray| rays.add(&Ray { t_max: distance, ..*ray }, aim.from));
-    }
+    aims.iter().for_each(|aim| aim.add_to(&mut rays, distance));
     let counted = rays.len();
     let mut occluded = tracer.occluded_each(&mut rays);
     let (mut open, mut sum, mut normals) = (0u32, Vec3::ZERO, Vec3::ZERO);

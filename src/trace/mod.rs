@@ -126,6 +126,12 @@ const SOMETHING: Hit = Hit { triangle: NO_TRIANGLE, b: Vec2::ZERO, t: 0.0, front
 const NO_TRIANGLE: u32 = u32::MAX;
 
 impl Ray3 {
+    /// A ray that leaves a triangle, if there is one `from` which it starts.
+    #[inline]
+    fn leaving(ray: &Ray, from: Option<u32>) -> Self {
+        Self { passes: from.unwrap_or(NO_TRIANGLE), ..ray.into() }
+    }
+
     /// It can meet something. Written so that NaN fails.
     #[inline(always)]
     fn is_valid(&self) -> bool {
@@ -286,13 +292,11 @@ impl<'a> Tracer<'a> {
         }
         if !self.shared.is_empty() {
             for (ray, hit) in rays.iter().zip(hits.iter_mut()) {
-                *hit = if !ANY {
-                    self.nearest_too(ray, *hit)
+                if !ANY {
+                    *hit = self.nearest_too(ray, *hit);
                 } else if hit.is_none() && self.any_too(ray) {
-                    Some(SOMETHING)
-                } else {
-                    *hit
-                };
+                    *hit = Some(SOMETHING);
+                }
             }
         }
         hits

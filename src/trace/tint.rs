@@ -10,7 +10,6 @@
 //!
 //! Invariant: the mean over many rays of either kind is the same. Scenes without transparent materials pay for one branch.
 
-use super::NO_TRIANGLE;
 use super::Ray;
 use super::Ray3;
 use super::Tracer;
@@ -24,7 +23,7 @@ impl Tracer<'_> {
     #[must_use]
     #[inline]
     pub fn unblocked(&self, ray: &Ray, from: Option<u32>) -> Rgb {
-        let ray = Ray3 { passes: from.unwrap_or(NO_TRIANGLE), ..ray.into() };
+        let ray = Ray3::leaving(ray, from);
         if !self.transparent {
             return if self.any(ray) { Rgb::ZERO } else { Rgb::ONE };
         }

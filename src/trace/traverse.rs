@@ -195,6 +195,7 @@ pub(super) fn take(tracer: &Tracer<'_>, ray: &Ray3, crossing: Crossing, tagged: 
     if !((t > 0.0) & ((t < best.t) | ((t == best.t) & (triangle < best.triangle)))) {
         return false;
     }
+    // Others are left out by their lanes; those of copies and transparent ones have another number there.
     if triangle == ray.passes {
         return false;
     }
