@@ -34,7 +34,7 @@ pub(super) const WIDTH: usize = 8;
 /// Triangles of a packet.
 pub(super) const LANES: usize = 8;
 /// More would not fit into [`Child`].
-const MAX_TRIANGLES: usize = 1 << 28;
+const MAX_TRIANGLES: u32 = 1 << 28;
 /// Boxes grow by this part of the largest coordinate. Larger: thin boxes overlap; smaller: below the error of the
 /// triangle test once an origin is far outside of the scene.
 const PAD: f32 = 1.0 / (1u64 << 40) as f32;
@@ -42,8 +42,9 @@ const PAD: f32 = 1.0 / (1u64 << 40) as f32;
 /// A box that has grown by what rounding needs in a scene whose largest coordinate is `reach`.
 pub(super) fn padded((low, high): (Vec3, Vec3), reach: f32) -> (Vec3, Vec3) {
     let pad = PAD * reach;
-    let low = Vec3::from_array((low - pad).to_array().map(f32::next_down));
-    let high = Vec3::from_array((high + pad).to_array().map(f32::next_up));
+    let (low, high) = (low - pad, high + pad);
+    let low = Vec3::new(low.x.next_down(), low.y.next_down(), low.z.next_down());
+    let high = Vec3::new(high.x.next_up(), high.y.next_up(), high.z.next_up());
     (low.max(Vec3::MIN), high.min(Vec3::MAX))
 }
 
@@ -176,10 +177,12 @@ impl Hierarchy {
         let bounds = Bounds::of(&items);
         let bounds = (Vec3::from(bounds.min), Vec3::from(bounds.max));
         let reach = bounds.0.abs().max(bounds.1.abs()).max_element().max(reach);
-        items.par_iter_mut().for_each(|item| (item.min, item.max) = padded((item.min, item.max), reach));
+        let centres = pad(&mut items, reach);
         let extent = (bounds.1 - bounds.0).max_element();
-        let branch = Branch { first: 0, count: items.len(), bounds: Bounds::of(&items) };
-        let plan = plan(&mut items, branch, 1.0 / extent);
+        // Boxes grow alike, so the one around all of them is that around all triangles, grown.
+        let (min, max) = padded(bounds, reach);
+        let branch = Branch { first: 0, count: items.len(), bounds: Bounds { min: min.into(), max: max.into() } };
+        let plan = plan(&mut items, branch, &centres, 1.0 / extent);
         let (mut nodes, first_node) = machine::fill(plan.nodes, &Node::empty());
         let (mut packets, first_packet) = machine::fill(plan.packets, &Packet::empty());
         let (n, p) = (&mut nodes[first_node..], &mut packets[first_packet..]);
@@ -204,22 +207,29 @@ impl Hierarchy {
     }
 }
 
+/// Lets boxes grow by what rounding needs in a scene whose largest coordinate is `reach`; the box around their centres.
+fn pad(items: &mut [Item], reach: f32) -> Bounds {
+    let some = |items: &mut [Item]| {
+        items.iter_mut().for_each(|item| (item.min, item.max) = padded((item.min, item.max), reach));
+        Bounds::of_centres(items)
+    };
+    let chunks: Vec<_> = items.par_chunks_mut(CHUNK).map(some).collect();
+    chunks.into_iter().fold(Bounds::EMPTY, Bounds::and)
+}
+
 /// Triangles of kept parts that have area and finite corners, with unpadded boxes.
 fn usable(scene: &Scene, keep: impl Fn(&Part) -> bool + Sync) -> Vec<Item> {
-    let mut runs: Vec<Range<usize>> = vec![];
-    let mut add = |first: usize, end: usize| {
-        let end = end.min(MAX_TRIANGLES);
-        runs.extend((first..end).step_by(CHUNK).map(|from| from..end.min(from + CHUNK)));
-    };
-    if scene.copied().next().is_none() {
-        add(0, scene.triangle_count());
-    } else {
-        let own = (0..scene.parts.len()).filter(|&p| !scene.is_copied(p)).map(|p| &scene.parts[p].triangles);
-        own.for_each(|range| add(range.start as usize, range.end as usize));
+    let mut runs: Vec<(Range<u32>, bool)> = vec![];
+    for part in (0..scene.parts.len()).filter(|&p| !scene.is_copied(p)).map(|p| &scene.parts[p]).filter(|p| keep(p)) {
+        let (first, end) = (part.triangles.start, part.triangles.end.min(MAX_TRIANGLES));
+        let opaque = scene.materials[part.material].is_opaque();
+        runs.extend((first..end).step_by(CHUNK).map(|from| (from..end.min(from + CHUNK as u32), opaque)));
     }
     let chunks = parallel::map(runs.len(), |k| {
-        let one = |t: u32| keep(scene.part(t)).then(|| item(t, scene.corners(t), scene.material(t).is_opaque()))?;
-        runs[k].clone().filter_map(|t| one(t as u32)).collect::<Vec<_>>()
+        let (run, opaque) = runs[k].clone();
+        let mut items = Vec::with_capacity(run.len());
+        items.extend(run.filter_map(|t| item(t, scene.corners(t), opaque)));
+        items
     });
     chunks.concat()
 }

@@ -22,8 +22,10 @@ use super::build::LANES;
 use super::build::WIDTH;
 use super::split::Bounds;
 use super::split::Item;
+use super::split::Side;
 use super::split::halve;
 use super::split::split;
+use rayon::prelude::*;
 
 /// From this depth on, branches are cut in the middle, so that no scene makes the tree a chain. Reached by nothing but
 /// scenes made for it.
@@ -56,23 +58,28 @@ struct Binary {
 }
 
 /// Plans the root node.
-pub(super) fn plan(items: &mut [Item], branch: Branch, scale: f32) -> Plan {
-    node(&cut(items, branch, scale, 0), scale)
+pub(super) fn plan(items: &mut [Item], branch: Branch, centres: &Bounds, scale: f32) -> Plan {
+    node(cut(items, branch, centres, scale, 0), scale)
 }
 
-/// Cuts a branch, `items`, down to packets.
-fn cut(items: &mut [Item], branch: Branch, scale: f32, depth: usize) -> Binary {
+/// Cuts a branch, `items` whose centres have this box, down to packets.
+fn cut(items: &mut [Item], branch: Branch, centres: &Bounds, scale: f32, depth: usize) -> Binary {
     let (area, count) = (branch.bounds.area(scale), branch.count);
     if count <= LANES {
         return Binary { branch, cost: [area; WIDTH], halves: None };
     }
-    let (left, [l, r]) = if depth < DEEPEST { split(items, scale) } else { halve(items) };
-    let (a, b) = items.split_at_mut(left);
-    let l = Branch { first: branch.first, count: left, bounds: l };
-    let r = Branch { first: branch.first + left, count: count - left, bounds: r };
-    let below = |items, branch| cut(items, branch, scale, depth + 1);
-    let halves =
-        if count > TASK { rayon::join(|| below(a, l), || below(b, r)).into() } else { [below(a, l), below(b, r)] };
+    let [l, r] = if depth < DEEPEST { split(items, centres, scale) } else { halve(items) };
+    let (a, b) = items.split_at_mut(l.count);
+    let below = |items: &mut [Item], first, side: &Side| {
+        let branch = Branch { first, count: side.count, bounds: side.bounds };
+        cut(items, branch, &side.centres, scale, depth + 1)
+    };
+    let (first, second) = (branch.first, branch.first + l.count);
+    let halves = if count > TASK {
+        rayon::join(|| below(a, first, &l), || below(b, second, &r)).into()
+    } else {
+        [below(a, first, &l), below(b, second, &r)]
+    };
     let mut cost: [f32; WIDTH] = core::array::from_fn(|i| share(&halves, i).0);
     cost[0] = area + cost[WIDTH - 1];
     for i in 1..WIDTH {
@@ -94,17 +101,17 @@ fn share(halves: &[Binary; 2], boxes: usize) -> (f32, usize) {
     best
 }
 
-/// The boxes that are below a node, or a branch on its own.
-fn open<'a>(binary: &'a Binary, boxes: usize, out: &mut Vec<&'a Binary>) {
-    let Some(halves) = &binary.halves else { return out.push(binary) };
-    let (_, first) = share(halves, boxes);
-    for (half, boxes) in halves.iter().zip([first, boxes - 1 - first]) {
+/// The boxes that are below a node, or a branch on its own. What is above them is let go of.
+fn open(binary: Binary, boxes: usize, out: &mut Vec<Binary>) {
+    let Some(halves) = binary.halves else { return out.push(binary) };
+    let (_, first) = share(&halves, boxes);
+    for (half, boxes) in halves.into_iter().zip([first, boxes - 1 - first]) {
         cover(half, boxes, out);
     }
 }
 
 /// At most `boxes` + 1 boxes that cover a branch, at the least cost.
-fn cover<'a>(binary: &'a Binary, mut boxes: usize, out: &mut Vec<&'a Binary>) {
+fn cover(binary: Binary, mut boxes: usize, out: &mut Vec<Binary>) {
     while boxes > 0 && binary.cost[boxes] >= binary.cost[boxes - 1] {
         boxes -= 1;
     }
@@ -112,11 +119,13 @@ fn cover<'a>(binary: &'a Binary, mut boxes: usize, out: &mut Vec<&'a Binary>) {
 }
 
 /// The plan of a node that stands for a branch.
-fn node(binary: &Binary, scale: f32) -> Plan {
+fn node(binary: Binary, scale: f32) -> Plan {
+    let many = binary.branch.count > TASK;
     let mut boxes = Vec::with_capacity(WIDTH);
     open(binary, WIDTH - 1, &mut boxes);
-    let plan = |b: &Binary| b.halves.is_some().then(|| node(b, scale));
-    let mut children: Vec<_> = boxes.into_iter().map(|b| (b.branch, plan(b))).collect();
+    let plan = |b: Binary| (b.branch, b.halves.is_some().then(|| node(b, scale)));
+    let mut children: Vec<_> =
+        if many { boxes.into_par_iter().map(plan).collect() } else { boxes.into_iter().map(plan).collect() };
     children.sort_by(|(a, x), (b, y)| {
         let area = |b: &Branch| b.bounds.area(scale);
         x.is_some().cmp(&y.is_some()).then(area(b).total_cmp(&area(a)))
