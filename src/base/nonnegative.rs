@@ -66,7 +66,7 @@ pub fn solve_by(factor: &Factor, matrix: &Sparse, load: &[f64], close: f64, prog
         let wrong = |i: usize| if free[i] { x[i] < -least } else { load[i] - product[i] > tolerance };
         let mut changed: Vec<u32> = (0..n).filter(|&i| wrong(i)).map(|i| i as u32).collect();
         if !exchange.takes_all(changed.len()) {
-            changed.drain(..changed.len() - 1);
+            changed.drain(..changed.len().saturating_sub(1));
         }
         changed.iter().for_each(|&i| free[i as usize] = !free[i as usize]);
         if changed.is_empty() || progress.cancelled() || !factor.change(matrix, &changed, |i| !free[i]) {
@@ -91,7 +91,7 @@ struct Exchange {
 }
 
 impl Exchange {
-    /// Portugal, Júdice and Vicente, §4: "p = 3 or 10".
+    /// Rounds for all after the last one that made them fewer.
     const CHANCES: usize = 3;
 
     fn new() -> Self {

@@ -160,12 +160,12 @@ pub(super) struct Hierarchy {
 
 impl Hierarchy {
     /// Of the triangles of parts that are kept and stored where they stand.
-    pub(super) fn new(scene: &Scene, keep: impl Fn(&Part) -> bool + Sync) -> Self {
+    pub(super) fn new(scene: &Scene, keep: impl Fn(&Part) -> bool) -> Self {
         Self::of(usable(scene, keep), |triangle| scene.corners(triangle), 0.0)
     }
 
     /// Some of what is in this one, by part, with boxes as safe.
-    pub(super) fn part_of(&self, scene: &Scene, keep: impl Fn(&Part) -> bool + Sync) -> Self {
+    pub(super) fn part_of(&self, scene: &Scene, keep: impl Fn(&Part) -> bool) -> Self {
         Self::of(usable(scene, keep), |triangle| scene.corners(triangle), self.reach() as f32)
     }
 
@@ -218,7 +218,7 @@ fn pad(items: &mut [Item], reach: f32) -> Bounds {
 }
 
 /// Triangles of kept parts that have area and finite corners, with unpadded boxes.
-fn usable(scene: &Scene, keep: impl Fn(&Part) -> bool + Sync) -> Vec<Item> {
+fn usable(scene: &Scene, keep: impl Fn(&Part) -> bool) -> Vec<Item> {
     let mut runs: Vec<(Range<u32>, bool)> = vec![];
     for part in (0..scene.parts.len()).filter(|&p| !scene.is_copied(p)).map(|p| &scene.parts[p]).filter(|p| keep(p)) {
         let (first, end) = (part.triangles.start, part.triangles.end.min(MAX_TRIANGLES));

@@ -169,7 +169,7 @@ impl<'a> Tracer<'a> {
         Self::of(scene, |_| true)
     }
 
-    fn of(scene: &'a Scene, keep: impl Fn(&Part) -> bool + Sync) -> Self {
+    fn of(scene: &'a Scene, keep: impl Fn(&Part) -> bool) -> Self {
         let shared = Shared::new(scene, &keep);
         let hierarchy = Hierarchy::new(scene, &keep);
         let is_veil = |part: &Part| keep(part) && !scene.materials[part.material].is_opaque();

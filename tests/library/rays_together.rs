@@ -107,7 +107,7 @@ fn rays_together_meet_the_same_in_small_scenes() {
         let rays: Vec<_> = (0..2000).map(|k| (ray(&mut s, k), None)).collect();
         met += agree(&Tracer::new(&scene), &rays);
     }
-    assert!(met > 600, "{met}");
+    assert!(met > 1_000, "{met}");
 }
 
 #[test]
