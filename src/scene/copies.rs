@@ -165,7 +165,9 @@ impl Scene {
     #[inline]
     pub fn corners(&self, triangle: u32) -> [Vec3; 3] {
         let (stored, placement) = self.stored_corners(triangle);
-        let corners = stored.map(|v| self.vertices.position[v as usize]);
+        // Not `array::map`: it is not always inlined.
+        let position = |v: u32| self.vertices.position[v as usize];
+        let corners = [position(stored[0]), position(stored[1]), position(stored[2])];
         placement.map_or(corners, |placement| corners.map(|p| placement.position(p)))
     }
 

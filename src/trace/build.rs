@@ -25,7 +25,7 @@ use crate::base::parallel;
 use crate::scene::Part;
 use crate::scene::Scene;
 use core::mem::take;
-use core::ops::Range;
+use core::sync::atomic::{AtomicBool, Ordering};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
@@ -210,7 +210,7 @@ impl Hierarchy {
 /// Lets boxes grow by what rounding needs in a scene whose largest coordinate is `reach`; the box around their centres.
 fn pad(items: &mut [Item], reach: f32) -> Bounds {
     let some = |items: &mut [Item]| {
-        items.iter_mut().for_each(|item| (item.min, item.max) = padded((item.min, item.max), reach));
+        items.iter_mut().for_each(|item| item.set_bounds(padded(item.bounds(), reach)));
         Bounds::of_centres(items)
     };
     let chunks: Vec<_> = items.par_chunks_mut(CHUNK).map(some).collect();
@@ -219,19 +219,28 @@ fn pad(items: &mut [Item], reach: f32) -> Bounds {
 
 /// Triangles of kept parts that have area and finite corners, with unpadded boxes.
 fn usable(scene: &Scene, keep: impl Fn(&Part) -> bool) -> Vec<Item> {
-    let mut runs: Vec<(Range<u32>, bool)> = vec![];
-    for part in (0..scene.parts.len()).filter(|&p| !scene.is_copied(p)).map(|p| &scene.parts[p]).filter(|p| keep(p)) {
-        let (first, end) = (part.triangles.start, part.triangles.end.min(MAX_TRIANGLES));
-        let opaque = scene.materials[part.material].is_opaque();
-        runs.extend((first..end).step_by(CHUNK).map(|from| (from..end.min(from + CHUNK as u32), opaque)));
+    let stored = (0..scene.parts.len()).filter(|&p| !scene.is_copied(p)).map(|p| &scene.parts[p]);
+    let mut count = 0;
+    // Of each part the number of triangles before it, its first triangle, and whether it is opaque.
+    let mut parts = vec![];
+    for part in stored.filter(|part| keep(part)) {
+        let triangles = part.triangles.start..part.triangles.end.min(MAX_TRIANGLES);
+        parts.push((count, triangles.start, scene.materials[part.material].is_opaque()));
+        count += triangles.len();
     }
-    let chunks = parallel::map(runs.len(), |k| {
-        let (run, opaque) = runs[k].clone();
-        let mut items = Vec::with_capacity(run.len());
-        items.extend(run.filter_map(|t| item(t, scene.corners(t), opaque)));
-        items
+    let all_are = AtomicBool::new(true);
+    let mut items = parallel::map_light(count, |k| {
+        let (before, first, opaque) = parts[parts.partition_point(|part| part.0 <= k) - 1];
+        let triangle = first + (k - before) as u32;
+        item(triangle, scene.corners(triangle), opaque).unwrap_or_else(|| {
+            all_are.store(false, Ordering::Relaxed);
+            Item::NOTHING
+        })
     });
-    chunks.concat()
+    if !all_are.into_inner() {
+        items.retain(|item| !item.is_nothing());
+    }
+    items
 }
 
 /// A triangle with area and finite corners.
@@ -243,12 +252,9 @@ pub(super) fn item(triangle: u32, corners: [Vec3; 3], opaque: bool) -> Option<It
     if (b - a).cross(c - a) == DVec3::ZERO {
         return None;
     }
-    Some(Item {
-        triangle,
-        min: corners[0].min(corners[1]).min(corners[2]),
-        max: corners[0].max(corners[1]).max(corners[2]),
-        flags: if opaque { 0 } else { Packet::TRANSPARENT },
-    })
+    let flag = if opaque { 0 } else { Packet::TRANSPARENT };
+    let (min, max) = (corners[0].min(corners[1]).min(corners[2]), corners[0].max(corners[1]).max(corners[2]));
+    Some(Item::new(min, max, triangle | flag))
 }
 
 /// Fills exactly the nodes and packets of a plan; with each slice comes the index of its first element in the whole.
@@ -274,7 +280,7 @@ fn write(
         } else if let Some((packet, p_rest)) = take(&mut packet_rest).split_first_mut() {
             node.set(slot, &branch.bounds, Child::packet(packet_index, branch.count));
             for (lane, item) in items[branch.first..branch.first + branch.count].iter().enumerate() {
-                packet.set(lane, corners(item.triangle), item.triangle | item.flags);
+                packet.set(lane, corners(item.triangle() & !Packet::TRANSPARENT), item.triangle());
             }
             packet_rest = p_rest;
             packet_index += 1;

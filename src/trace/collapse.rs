@@ -80,17 +80,26 @@ fn cut(items: &mut [Item], branch: Branch, centres: &Bounds, scale: f32, depth: 
     } else {
         [below(a, first, &l), below(b, second, &r)]
     };
-    let mut cost: [f32; WIDTH] = core::array::from_fn(|i| share(&halves, i).0);
+    Binary { branch, cost: costs(area, &halves), halves: Some(Box::new(halves)) }
+}
+
+/// Least costs of covering a branch with this area by at most 1, 2, … boxes.
+fn costs(area: f32, [a, b]: &[Binary; 2]) -> [f32; WIDTH] {
+    let mut cost = [f32::INFINITY; WIDTH];
+    for i in 0..WIDTH {
+        for j in 0..WIDTH - 1 - i {
+            cost[i + j + 1] = cost[i + j + 1].min(a.cost[i] + b.cost[j]);
+        }
+    }
     cost[0] = area + cost[WIDTH - 1];
     for i in 1..WIDTH {
         cost[i] = cost[i].min(cost[i - 1]);
     }
-    Binary { branch, cost, halves: Some(Box::new(halves)) }
+    cost
 }
 
-/// Least cost of `boxes` + 1 boxes, some for each half, and how many, less one, are for the first. Infinite for one
-/// box.
-fn share(halves: &[Binary; 2], boxes: usize) -> (f32, usize) {
+/// How many of `boxes` + 1 boxes, less one, the first half has where they cost least.
+fn share(halves: &[Binary; 2], boxes: usize) -> usize {
     let mut best = (f32::INFINITY, 0);
     for i in 0..boxes {
         let cost = halves[0].cost[i] + halves[1].cost[boxes - 1 - i];
@@ -98,13 +107,13 @@ fn share(halves: &[Binary; 2], boxes: usize) -> (f32, usize) {
             best = (cost, i);
         }
     }
-    best
+    best.1
 }
 
 /// The boxes that are below a node, or a branch on its own. What is above them is let go of.
 fn open(binary: Binary, boxes: usize, out: &mut Vec<Binary>) {
     let Some(halves) = binary.halves else { return out.push(binary) };
-    let (_, first) = share(&halves, boxes);
+    let first = share(&halves, boxes);
     for (half, boxes) in halves.into_iter().zip([first, boxes - 1 - first]) {
         cover(half, boxes, out);
     }
