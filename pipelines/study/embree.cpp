@@ -167,7 +167,7 @@ int main(int count, char **words) {
       }
       return hits;
     });
-    std::printf("%zu,%d,%.3f,0,0,%.0f,%.0f,%zu,%zu\n", indices.size() / 3, threads, seconds, closest.first,
+    std::printf("%zu,%d,%.4f,0,0,%.0f,%.0f,%zu,%zu\n", indices.size() / 3, threads, seconds, closest.first,
                 occlusion.first, closest.second, occlusion.second);
     std::fflush(stdout);
     rtcReleaseScene(scene);

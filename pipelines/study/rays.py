@@ -86,7 +86,7 @@ def report(figures):
             row = figures[program, n]
             ratios = "| | | |" if program == "texelwalk" else \
                 f"| {row[1] / ours[1]:.2f} | {row[2] / ours[2]:.2f} | {ours[0] / row[0]:.2f} |"
-            print(f"| {n} | {program} | {row[0]:.3f} | {row[1]:.0f} | {row[2]:.0f} {ratios}")
+            print(f"| {n} | {program} | {row[0]:.4f} | {row[1]:.0f} | {row[2]:.0f} {ratios}")
             allowed = 50 if program == "medium" else 0
             agree &= all(abs(a - b) <= allowed for a, b in zip(row[3:], ours[3:]))
     print("\nTimes are those of one thread for one ray. × is the program's time over texelwalk's; for building, the other way.")

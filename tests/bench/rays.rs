@@ -183,7 +183,7 @@ fn measure(scene: &Scene, threads: usize, options: &Options) {
     };
     let (n, nodes) = (tracer.triangle_count(), tracer.node_count());
     let bytes = tracer.memory_bytes() as f64 / n as f64;
-    println!("{n},{threads},{build:.3},{nodes},{bytes:.0},{closest:.0},{occlusion:.0},{hits},{occluded}");
+    println!("{n},{threads},{build:.4},{nodes},{bytes:.0},{closest:.0},{occlusion:.0},{hits},{occluded}");
 }
 
 fn main() {
