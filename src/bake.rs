@@ -150,9 +150,10 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     warnings.extend(scene.missing_materials());
     admit(&scene, &atlas, settings)?;
     let mut patches = clock.timed("patches", |progress| Patches::new(&tracer, &atlas, progress))?;
-    warnings.extend(sides::turn(&tracer, &atlas, &mut patches, settings, &mut clock)?);
+    let turned = sides::turn(&tracer, &atlas, &mut patches, settings, &mut clock)?;
+    warnings.extend(turned.warnings);
     let (graph, ways) = clock.timed("links", |progress| {
-        let graph = PatchGraph::new(&patches, &tracer, progress);
+        let graph = turned.graph.unwrap_or_else(|| PatchGraph::new(&patches, &tracer, progress));
         let ways = solve::held_ways(settings, &patches, &graph);
         (graph, ways)
     })?;

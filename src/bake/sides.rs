@@ -30,6 +30,14 @@ const BUDGET: f64 = 0.25;
 /// Keeps the seed apart from those of the bake.
 const SIDES: u64 = 0x0073_6964_6573;
 
+/// What turning charts has found out.
+#[derive(Default)]
+pub(super) struct Turned {
+    pub(super) warnings: Vec<Warning>,
+    /// Links of the patches, if they had to be found and no chart was turned.
+    pub(super) graph: Option<PatchGraph>,
+}
+
 /// Turns charts whose front is dark while their back is lit.
 pub(super) fn turn(
     tracer: &Tracer<'_>,
@@ -37,21 +45,25 @@ pub(super) fn turn(
     patches: &mut Patches,
     settings: &Settings,
     clock: &mut Clock<'_>,
-) -> Result<Vec<Warning>, Stop> {
+) -> Result<Turned, Stop> {
     if patches.front_of.is_empty() {
-        return Ok(vec![]);
+        return Ok(Turned::default());
     }
     let mut averted = clock.timed("sides", |progress| patches.averted_charts(tracer, atlas, progress))?;
     if shines_from_infinity(tracer.scene()) {
         averted.retain(|(_, before)| *before != Before::Void);
     }
     if averted.is_empty() {
-        return Ok(vec![]);
+        return Ok(Turned::default());
     }
-    let lit = light(tracer, patches, settings, clock)?;
+    let graph = clock.timed("links", |progress| PatchGraph::new(patches, tracer, progress))?;
+    let lit = light(tracer, patches, &graph, settings, clock)?;
     let charts = dark(patches, &averted, &lit);
+    if charts.is_empty() {
+        return Ok(Turned { warnings: vec![], graph: Some(graph) });
+    }
     clock.timed("turn", |progress| patches.turn(tracer, charts, progress))?;
-    Ok(warnings(tracer, atlas, patches))
+    Ok(Turned { warnings: warnings(tracer, atlas, patches), graph: None })
 }
 
 /// There is an outside to look from: what faces the open is lit, or rightly in the shade.
@@ -77,11 +89,16 @@ fn dark(patches: &Patches, averted: &[(u32, Before)], lit: &[f32]) -> Vec<u32> {
 }
 
 /// Mean irradiance of all patches, roughly [lx].
-fn light(tracer: &Tracer<'_>, patches: &Patches, settings: &Settings, clock: &mut Clock<'_>) -> Result<Vec<f32>, Stop> {
-    let graph = clock.timed("links", |progress| PatchGraph::new(patches, tracer, progress))?;
+fn light(
+    tracer: &Tracer<'_>,
+    patches: &Patches,
+    graph: &PatchGraph,
+    settings: &Settings,
+    clock: &mut Clock<'_>,
+) -> Result<Vec<f32>, Stop> {
     let settings = Settings { gather: 0, directional: Directional::None, ..settings.clone() };
     let all = groups::groups(tracer.scene(), false);
-    let setup = Setup { settings: &settings, tracer, patches, graph: &graph, ways: None, openness: &[] };
+    let setup = Setup { settings: &settings, tracer, patches, graph, ways: None, openness: &[] };
     let mut solver = Solver::new(&setup, &all[0].emitters, mix(settings.seed ^ SIDES));
     solver.pass(&setup, &Budget::new(&settings, patches, BUDGET, 0), clock)?;
     Ok(solver.roughly().into_iter().map(color::mean).collect())

@@ -170,7 +170,8 @@ impl Patches {
         let sees_any = |from: Vec3, others: &[usize]| others.iter().any(|&j| self.is_seen(tracer, from, j));
         let stays = |position: Vec3| {
             let from = self.lifted(patch, position);
-            stays_unseen && !sees_any(from, &shut) || sees_any(from, &open)
+            // What is open first: most cells see the next texel, and few see none of either.
+            sees_any(from, &open) || stays_unseen && !sees_any(from, &shut)
         };
         let front = self.front_patch(patch);
         let mut cells = [Cell::default(); (MASK_GRID * MASK_GRID) as usize];
