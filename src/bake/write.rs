@@ -3,7 +3,7 @@
 use super::clock::Clock;
 use super::{Error, Outcome, Request, Solution};
 use crate::atlas::Atlas;
-use crate::base::Warning;
+use crate::base::{Warning, parallel};
 use crate::finish::Lightmap;
 use crate::output::directional::Texture;
 use crate::output::{Files, atomic, depfile, exr, formats, gltf, names, png, report, usd};
@@ -18,6 +18,9 @@ use std::path::PathBuf;
 
 /// Name and version that outputs carry.
 const GENERATOR: &str = concat!("texelwalk ", env!("CARGO_PKG_VERSION"));
+
+/// Makes files of a page.
+type Job<'a> = Box<dyn Fn() -> Result<Files, Error> + Send + Sync + 'a>;
 
 /// What files are made from, besides light.
 pub(super) struct Facts<'a> {
@@ -127,27 +130,7 @@ impl Facts<'_> {
         for page in &mut names {
             page.directional = results.directional.iter().map(|(t, _)| (*t, t.path(&page.exr))).collect();
         }
-        let attributes = attributes(settings);
-        let mut files: Files = vec![];
-        for (page, name) in results.lightmap.pages.iter().zip(&names) {
-            files.extend(plan.encode(&name.exr, page, &attributes)?);
-            files.push((name.png.clone(), png::preview(&name.png, page)?.into()));
-        }
-        files.extend(directional(results, &names, &attributes)?);
-        for (paths, (name, map)) in self.group_paths(results).into_iter().zip(&results.groups) {
-            let mut attributes = attributes.clone();
-            attributes.insert("texelwalk.light_group".to_owned(), name.clone());
-            for (path, page) in paths.into_iter().zip(&map.pages) {
-                files.extend(plan.encode(&path, page, &attributes)?);
-            }
-        }
-        for ((k, layers), page) in (0..).zip(&results.aovs).zip(&results.lightmap.pages) {
-            if !layers.is_empty() {
-                let path = names::aov_file(&document, k);
-                let bytes = exr::aovs(&path, [page.width, page.height], layers.clone(), &attributes)?;
-                files.push((path, bytes.into()));
-            }
-        }
+        let mut files = self.encode_images(results, &plan, &names)?;
         files.extend(self.encode_usd(usd::Light::Pages(self.atlas, &names))?);
         let how = gltf_settings(settings, document);
         let written = gltf::write_gltf(self.scene, self.atlas, &names, &how)?;
@@ -156,6 +139,45 @@ impl Facts<'_> {
             files.extend(files.last().map(|(path, bytes)| gltf::preview(path, bytes)).transpose()?);
         }
         Ok((files, written.warnings))
+    }
+
+    /// All that lies on pages, several files at a time.
+    fn encode_images(
+        &self,
+        results: &Results,
+        plan: &formats::Plan,
+        names: &[names::PageFiles],
+    ) -> Result<Files, Error> {
+        let attributes = &attributes(&self.request.settings);
+        let mut jobs: Vec<Job<'_>> = vec![];
+        for (page, name) in results.lightmap.pages.iter().zip(names) {
+            jobs.push(Box::new(|| Ok(plan.encode(&name.exr, page, attributes)?)));
+            jobs.push(Box::new(|| Ok(vec![(name.png.clone(), png::preview(&name.png, page)?.into())])));
+        }
+        for (k, page) in names.iter().enumerate() {
+            for ((texture, path), (_, map)) in page.directional.iter().zip(&results.directional) {
+                let of_texture = with(attributes, "texelwalk.directional", texture.name());
+                let job = move || Ok(vec![(path.clone(), exr::lightmap(path, &map.pages[k], &of_texture)?.into())]);
+                jobs.push(Box::new(job));
+            }
+        }
+        for (paths, (name, map)) in self.group_paths(results).into_iter().zip(&results.groups) {
+            for (path, page) in paths.into_iter().zip(&map.pages) {
+                let of_group = with(attributes, "texelwalk.light_group", name);
+                jobs.push(Box::new(move || Ok(plan.encode(&path, page, &of_group)?)));
+            }
+        }
+        let document = names::document_path(&self.request.input, &self.request.output);
+        let aovs = (0..).zip(&results.aovs).zip(&results.lightmap.pages);
+        for ((k, layers), page) in aovs.filter(|((_, layers), _)| !layers.is_empty()) {
+            let path = names::aov_file(&document, k);
+            let size = [page.width, page.height];
+            jobs.push(Box::new(move || {
+                Ok(vec![(path.clone(), exr::aovs(&path, size, layers.clone(), attributes)?.into())])
+            }));
+        }
+        let files: Result<Vec<Files>, Error> = parallel::map(jobs.len(), |k| jobs[k]()).into_iter().collect();
+        Ok(files?.into_iter().flatten().collect())
     }
 
     /// The USD layers, if they are asked for.
@@ -262,16 +284,11 @@ impl Facts<'_> {
 }
 
 /// The textures of light by normal, page by page.
-fn directional(results: &Results, names: &[names::PageFiles], attributes: &exr::Attributes) -> Result<Files, Error> {
-    let mut files = vec![];
-    for (k, page) in names.iter().enumerate() {
-        for ((texture, path), (_, map)) in page.directional.iter().zip(&results.directional) {
-            let mut attributes = attributes.clone();
-            attributes.insert("texelwalk.directional".to_owned(), texture.name().to_owned());
-            files.push((path.clone(), exr::lightmap(path, &map.pages[k], &attributes)?.into()));
-        }
-    }
-    Ok(files)
+/// Attributes with one more.
+fn with(attributes: &exr::Attributes, key: &str, value: &str) -> exr::Attributes {
+    let mut attributes = attributes.clone();
+    attributes.insert(key.to_owned(), value.to_owned());
+    attributes
 }
 
 fn gltf_settings(settings: &Settings, output: PathBuf) -> gltf::Settings {
