@@ -25,6 +25,14 @@ pub struct Polygon {
 }
 
 impl Polygon {
+    /// All of a texel.
+    #[must_use]
+    pub fn square() -> Self {
+        let mut corners = [DVec2::ZERO; MOST_CORNERS];
+        corners[..4].copy_from_slice(&[DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y]);
+        Self { corners, len: 4 }
+    }
+
     /// The triangle as a polygon.
     #[must_use]
     pub fn triangle(corners: [DVec2; 3]) -> Self {

@@ -146,29 +146,28 @@ impl Mean {
 }
 
 fn fill(patches: &mut Patches, texels: &[Texel]) {
-    patches.chart = texels.iter().map(|t| t.chart).collect();
-    patches.front_of = (0..texels.len()).filter(|&i| texels[i].two_sided).map(|i| i as u32).collect();
-    patches.back_of = vec![NO_PATCH; texels.len()];
+    let n = texels.len();
+    patches.chart = parallel::map_light(n, |i| texels[i].chart);
+    patches.front_of = (0..n).filter(|&i| texels[i].two_sided).map(|i| i as u32).collect();
+    patches.back_of = vec![NO_PATCH; n];
     for (k, &i) in patches.front_of.iter().enumerate() {
-        patches.back_of[i as usize] = (texels.len() + k) as u32;
+        patches.back_of[i as usize] = (n + k) as u32;
     }
-    let backs: Vec<&Texel> = patches.front_of.iter().map(|&i| &texels[i as usize]).collect();
-    let both = || texels.iter().chain(backs.iter().copied());
-    patches.position = both().map(|t| t.centroid).collect();
-    patches.normal = texels.iter().map(|t| t.normal).chain(backs.iter().map(|t| -t.normal)).collect();
-    patches.area = both().map(|t| t.area as f32).collect();
-    patches.exposed = vec![1.0; patches.area.len()];
-    patches.mask = vec![u64::MAX; patches.area.len()];
+    let all = n + patches.front_of.len();
+    let fronts = &patches.front_of;
+    let of = |i: usize| &texels[if i < n { i } else { fronts[i - n] as usize }];
+    patches.position = parallel::map_light(all, |i| of(i).centroid);
+    patches.normal = parallel::map_light(all, |i| if i < n { of(i).normal } else { -of(i).normal });
+    patches.area = parallel::map_light(all, |i| of(i).area as f32);
+    patches.exposed = vec![1.0; all];
+    patches.mask = vec![u64::MAX; all];
     if texels.iter().any(|t| t.passing > 0.0) {
-        patches.stopping = both().map(|t| (1.0 - t.passing).max(0.0)).collect();
+        patches.stopping = parallel::map_light(all, |i| (1.0 - of(i).passing).max(0.0));
     }
     if texels.iter().any(|t| t.through != Rgb::ZERO) {
-        patches.through = both().map(|t| t.through).collect();
+        patches.through = parallel::map_light(all, |i| of(i).through);
     }
-    patches.reflectance = both().map(|t| t.reflectance).collect();
-    patches.emission = both()
-        .enumerate()
-        .filter(|(_, t)| t.emission.max_element() > 0.0)
-        .map(|(i, t)| (i as u32, t.emission))
-        .collect();
+    patches.reflectance = parallel::map_light(all, |i| of(i).reflectance);
+    let emission = |i: usize| (i as u32, of(i).emission);
+    patches.emission = (0..all).map(emission).filter(|(_, e)| e.max_element() > 0.0).collect();
 }
