@@ -6,7 +6,7 @@
 //! surfaces, or more backs than fronts on their way out of the scene.
 //!
 //! Where nothing can be crossed between two points of a surface, both are in the same solids. So points are joined along
-//! segments a little above the surface, and of what is joined the outermost points are asked; if they disagree, as near
+//! segments a little above the surface, or right on it where something lies close over it, and of what is joined the outermost points are asked; if they disagree, as near
 //! the mouth of a hollow, all are. Lightmaps of nine scenes had the same bytes as with points asked one by one; in
 //! primitives two texels below a sheet differed.
 
@@ -147,10 +147,20 @@ fn at(points: &[(SurfacePoint, DVec2)], k: usize, along: DVec2) -> f64 {
     points[k].1.dot(along)
 }
 
+/// A point of a texel, a little off its triangle.
+#[derive(Clone, Copy)]
+struct Raised {
+    triangle: u32,
+    /// So little that only rounding counts [m].
+    low: Vec3,
+    /// So far that those of two triangles see each other, if nothing lies between [m].
+    high: Option<Vec3>,
+}
+
 /// For each point the first one that it is joined to, over the sides of cells and from triangle to triangle.
 fn join(tracer: &Tracer<'_>, over: &Crossable, points: &[(SurfacePoint, DVec2)], height: f32) -> Vec<usize> {
     const COLUMNS: usize = MASK_GRID as usize;
-    let (mut joined, mut above) = (Sets::new(points.len()), Vec::<Option<Vec3>>::new());
+    let (mut joined, mut raised) = (Sets::new(points.len()), Vec::<Raised>::new());
     let mut last: [Option<usize>; COLUMNS * COLUMNS] = [None; COLUMNS * COLUMNS];
     let mut ground: Option<(u32, Ground)> = None;
     for (k, (point, within)) in points.iter().enumerate() {
@@ -159,33 +169,44 @@ fn join(tracer: &Tracer<'_>, over: &Crossable, points: &[(SurfacePoint, DVec2)],
             Some(ground) => ground,
             None => *ground.insert((triangle, Ground::new(tracer.scene().corners(triangle)))),
         };
-        let high = lifted(tracer, over, &ground, *point, height);
+        let this = Raised::new(tracer, over, &ground, *point, height);
         let cell = cell_index(*within, MASK_GRID);
         let beside = (!cell.is_multiple_of(COLUMNS)).then(|| cell - 1);
         for j in [beside, cell.checked_sub(COLUMNS), Some(cell)].into_iter().flatten().filter_map(|cell| last[cell]) {
-            let ends = above[j].zip(high).filter(|_| joined.find(j) != joined.find(k));
-            if ends.is_some_and(|(from, to)| over.is_clear(tracer, [from, to], None)) {
+            if joined.find(j) != joined.find(k) && raised[j].sees(tracer, over, &this) {
                 joined.join(j, k);
             }
         }
-        above.push(high);
+        raised.push(this);
         last[cell] = Some(k);
     }
     (0..points.len()).map(|k| joined.find(k)).collect()
 }
 
-/// A point so far above a triangle's [m], if nothing lies between.
-fn lifted(tracer: &Tracer<'_>, over: &Crossable, ground: &Ground, point: SurfacePoint, height: f32) -> Option<Vec3> {
-    let low = tracer.leave(ground, point.b, ground.normal());
-    let high = low + ground.normal() * height;
-    over.is_clear(tracer, [low, high], Some(point.triangle)).then_some(high)
+impl Raised {
+    fn new(tracer: &Tracer<'_>, over: &Crossable, ground: &Ground, point: SurfacePoint, height: f32) -> Self {
+        let low = tracer.leave(ground, point.b, ground.normal());
+        let high = low + ground.normal() * height;
+        let high = over.is_clear(tracer, [low, high], Some(point.triangle)).then_some(high);
+        Self { triangle: point.triangle, low, high }
+    }
+
+    /// Nothing can be crossed between two points; where something lies close over them, right on their triangle.
+    fn sees(&self, tracer: &Tracer<'_>, over: &Crossable, other: &Self) -> bool {
+        match self.high.zip(other.high) {
+            Some((from, to)) => over.is_clear(tracer, [from, to], None),
+            None => {
+                self.triangle == other.triangle && over.is_clear(tracer, [self.low, other.low], Some(self.triangle))
+            }
+        }
+    }
 }
 
 /// Two points lie on a triangle, and nothing can be crossed between them at a height above it [m].
 pub(super) fn are_joined(tracer: &Tracer<'_>, a: SurfacePoint, b: SurfacePoint, height: f32) -> bool {
     a.triangle == b.triangle && {
         let (over, ground) = (Crossable::anything(), Ground::new(tracer.scene().corners(a.triangle)));
-        let [a, b] = [a, b].map(|point| lifted(tracer, &over, &ground, point, height));
-        a.zip(b).is_some_and(|(a, b)| tracer.segment_clear(a, b))
+        let [a, b] = [a, b].map(|point| Raised::new(tracer, &over, &ground, point, height));
+        a.high.zip(b.high).is_some_and(|(a, b)| tracer.segment_clear(a, b))
     }
 }
