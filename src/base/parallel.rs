@@ -11,6 +11,10 @@ const LEAST: usize = 1024;
 /// Elements per chunk of a parallel sum.
 const SUM_CHUNK: usize = 4096;
 
+/// Tasks that a loop is cut into, where it has as many elements. Rayon alone cuts it into two or four per thread, and no task
+/// that has begun is cut again: where elements do not cost the same, all but one thread wait for the last of them.
+const TASKS: usize = 128;
+
 /// Number of threads that loops run on.
 #[must_use]
 pub fn threads() -> usize {
@@ -19,12 +23,13 @@ pub fn threads() -> usize {
 
 /// `f(0), f(1), … f(n − 1)` in order, computed in parallel.
 pub fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    (0..n).into_par_iter().map(&f).collect()
+    (0..n).into_par_iter().with_max_len(n.div_ceil(TASKS).max(1)).map(&f).collect()
 }
 
 /// [`map`] for `f` of a few nanoseconds, which small tasks would cost more than they gain.
 pub fn map_light<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    (0..n).into_par_iter().with_min_len(LEAST).map(&f).collect()
+    let most = n.div_ceil(TASKS).max(LEAST);
+    (0..n).into_par_iter().with_min_len(LEAST).with_max_len(most).map(&f).collect()
 }
 
 /// Changes every value where it is, for functions as cheap.
