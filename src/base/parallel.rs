@@ -43,18 +43,16 @@ pub fn map_chunks<T: Send>(n: usize, chunk: usize, f: impl Fn(core::ops::Range<u
     map(n.div_ceil(chunk), |c| f(c * chunk..n.min((c + 1) * chunk)))
 }
 
-/// [`map`] that counts finished indices and stops early, with default values, when it is cancelled.
+/// [`map`] that counts indices, a few at a time, and stops early, with default values, when it is cancelled.
 pub fn map_watched<T: Send + Default>(n: usize, progress: &Progress, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    const WATCH_CHUNK: usize = 64;
+    const WATCHED: usize = 64;
     progress.start(n as u64);
-    let chunks = map_chunks(n, WATCH_CHUNK, |range| {
-        let count = range.len();
-        let out: Vec<T> =
-            if progress.cancelled() { range.map(|_| T::default()).collect() } else { range.map(&f).collect() };
-        progress.advance(count as u64);
-        out
-    });
-    chunks.into_iter().flatten().collect()
+    map(n, |i| {
+        if i.is_multiple_of(WATCHED) {
+            progress.advance(WATCHED.min(n - i) as u64);
+        }
+        if progress.cancelled() { T::default() } else { f(i) }
+    })
 }
 
 /// Sum of `f(i)` over 0..n in double precision; the same bits at every thread count.

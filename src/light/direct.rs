@@ -123,7 +123,7 @@ pub fn direct(
         if !list.is_empty() {
             let vectors = if settings.directional { patches.len() } else { 0 };
             let (estimates, vectors) =
-                (vec![Estimate::default(); patches.len()], vec![LightVector::default(); vectors]);
+                (parallel::map_light(patches.len(), |_| Estimate::default()), vec![LightVector::default(); vectors]);
             let is_even = kind == Kind::Finite && !emitters.even_pieces().is_empty();
             let unhidden = vec![Unhidden::default(); if is_even { patches.len() } else { 0 }];
             let mut layer = Layer { kind, estimates, unhidden, vectors };
@@ -142,18 +142,17 @@ pub fn direct(
             rays += context.extend(layer, list, progress);
         }
     }
-    let mut halves = [context.hard.irradiance.clone(), context.hard.irradiance];
-    let mut slopes = [context.hard.slope.clone(), context.hard.slope];
-    for h in [0, 1] {
-        for layer in &layers {
-            halves[h].iter_mut().zip(&layer.estimates).for_each(|(v, e)| *v += e.halves[h]);
-            slopes[h].iter_mut().zip(&layer.estimates).for_each(|(s, e)| *s += e.slopes[h]);
-        }
-    }
+    let Hard { irradiance, slope, mut vectors, .. } = context.hard;
+    let n = patches.len();
+    let halves = [0, 1].map(|h| {
+        parallel::map_light(n, |i| layers.iter().fold(irradiance[i], |sum, layer| sum + layer.estimates[i].halves[h]))
+    });
+    let slopes = [0, 1].map(|h| {
+        parallel::map_light(n, |i| layers.iter().fold(slope[i], |sum, layer| sum + layer.estimates[i].slopes[h]))
+    });
     let sky = layers.iter().find(|l| l.kind == Kind::Infinity);
     let gathered =
         |h: usize| parallel::map(patches.len(), |i| sky.map_or(Rgb::ZERO, |layer| layer.estimates[i].gathered[h]));
-    let mut vectors = context.hard.vectors;
     for layer in &layers {
         vectors.iter_mut().zip(&layer.vectors).for_each(|(sum, own)| *sum += *own);
     }

@@ -105,7 +105,9 @@ fn beside_hidden(patches: &Patches) -> Vec<[u32; 3]> {
 
 /// Exposed texels behind the sheet that their neighbour ends at.
 fn cut_off(patches: &Patches, solids: Solids<'_>, walled: &[bool]) -> Vec<[u32; 3]> {
-    let found = parallel::map(patches.front, |j| {
+    let walled: Vec<usize> = (0..patches.front).filter(|&j| walled[j] && patches.exposed[j] > 0.0).collect();
+    let found = parallel::map(walled.len(), |k| {
+        let j = walled[k];
         let (page, (x, y)) = (patches.page(j), patches.texel_xy(j));
         let beyond = |(dx, dy): (i32, i32)| {
             let i = patches.front_at(page, x as i32 + dx, y as i32 + dy)?;
@@ -113,7 +115,7 @@ fn cut_off(patches: &Patches, solids: Solids<'_>, walled: &[bool]) -> Vec<[u32; 
             let [u, v] = [x.saturating_add_signed(dx), y.saturating_add_signed(dy)];
             (exposed && is_cut_off(patches, solids, i, j)).then_some([page, u, v])
         };
-        if walled[j] && patches.exposed[j] > 0.0 { around().filter_map(beyond).collect() } else { vec![] }
+        around().filter_map(beyond).collect::<Vec<_>>()
     });
     found.into_iter().flatten().collect()
 }
