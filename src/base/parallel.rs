@@ -78,6 +78,17 @@ mod tests {
     }
 
     #[test]
+    fn watched_loops_count_every_index_and_stop_when_cancelled() {
+        for n in [0, 1, 63, 64, 65, 10_000] {
+            let progress = Progress::default();
+            assert_eq!(map_watched(n, &progress, |i| i + 1), (1..=n).collect::<Vec<_>>());
+            assert_eq!(progress.state(), (n as u64, n as u64));
+            progress.cancel();
+            assert_eq!(map_watched(n, &progress, |i| i + 1), vec![0; n]);
+        }
+    }
+
+    #[test]
     fn chunks_cover_every_index_once() {
         let all: Vec<usize> = map_chunks(1001, 7, |r| r.collect::<Vec<_>>()).into_iter().flatten().collect();
         assert_eq!(all, (0..1001).collect::<Vec<_>>());
