@@ -29,6 +29,7 @@ use super::split::Item;
 use super::stack::Stack;
 use super::traverse::Best;
 use super::traverse::Slab;
+use super::traverse::rank;
 use super::traverse::take;
 use super::triangle::Crossing;
 use super::triangle::Shear;
@@ -274,14 +275,13 @@ impl Shared {
             return before;
         }
         let shear = Shear::new(ray.origin, ray.direction);
-        let (t, triangle) = before.map_or((ray.t_max, 0), |hit| (hit.t, hit.triangle));
-        let mut best = Best { t, triangle, crossing: None };
+        let (t, rank) = before.map_or((ray.t_max, 0), |hit| (hit.t, rank(hit.triangle, hit.front)));
+        let mut best = Best { t, rank, crossing: None };
         self.cross::<L>(ray, &shear, t, |crossing, tagged| {
             take(tracer, ray, crossing, tagged, &mut best);
             best.t
         });
-        let Best { t, triangle, crossing } = best;
-        crossing.map_or(before, |c| Some(Hit { triangle, b: c.weights(), t, front: c.front() }))
+        best.hit().or(before)
     }
 
     /// Whether there is any hit.
@@ -293,7 +293,7 @@ impl Shared {
         let shear = Shear::new(ray.origin, ray.direction);
         let mut is_met = false;
         self.cross::<L>(ray, &shear, ray.t_max, |crossing, tagged| {
-            let mut best = Best { t: ray.t_max, triangle: 0, crossing: None };
+            let mut best = Best::nothing_before(ray.t_max);
             is_met = take(tracer, ray, crossing, tagged, &mut best);
             if is_met { -1.0 } else { ray.t_max }
         });

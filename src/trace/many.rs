@@ -167,7 +167,7 @@ impl<L: Lanes> Flight<L> {
             number: 0,
             ray: Ray3 { origin: Vec3::ZERO, direction: DVec3::Z, t_max: 0.0, passes: NO_TRIANGLE, clear: false },
             shear,
-            best: Best { t: 0.0, triangle: 0, crossing: None },
+            best: Best::nothing_before(0.0),
             stack: Stack::new(),
         }
     }
@@ -184,7 +184,7 @@ impl<L: Lanes> Flight<L> {
         self.number = number;
         self.ray = *ray;
         self.best.t = ray.t_max;
-        self.best.triangle = 0;
+        self.best.rank = 0;
         self.best.crossing = None;
         self.stack.clear();
     }
@@ -303,9 +303,8 @@ impl<L: Lanes> Crowd<'_, L> {
             self.at_nodes |= (1 - at_packet) << k;
             return;
         }
-        let Best { t, triangle, crossing } = flight.best;
         if let Some(hit) = hits.get_mut(flight.number) {
-            *hit = crossing.map(|c| Hit { triangle, b: c.weights(), t, front: c.front() });
+            *hit = flight.best.hit();
         }
         self.start(k);
     }

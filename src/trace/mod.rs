@@ -208,7 +208,8 @@ impl<'a> Tracer<'a> {
         self.scene
     }
 
-    /// The nearest hit with 0 < t < `t_max`; of equal distances the smallest triangle index. Triangles have two sides.
+    /// The nearest hit with 0 < t < `t_max`; of equal distances fronts come first, then the
+    /// smallest triangle index. Triangles have two sides.
     /// Transparent ones are passed with probability 1 − opacity, decided by a hash of the ray and the triangle.
     #[must_use]
     pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
@@ -254,7 +255,11 @@ impl<'a> Tracer<'a> {
         let [above, below] = [normal, -normal].map(|side| self.leave(ground, b, side));
         let direction = below.as_dvec3() - above.as_dvec3();
         let hit = self.nearest(Ray3 { origin: above, direction, t_max: 1.0, passes: triangle, clear: false });
-        let facing = |h: &Hit| !h.front && self.scene.geometric_normal(h.triangle).dot(normal) < FACE_TO_FACE;
+        let facing = |h: &Hit| {
+            !h.front
+                && self.scene.geometric_normal(h.triangle).dot(normal) < FACE_TO_FACE
+                && !solid::are_sides(self.scene, h.triangle, triangle)
+        };
         hit.filter(facing).map(|h| h.triangle)
     }
 

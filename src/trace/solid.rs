@@ -11,13 +11,19 @@
 //! say is said whatever the sheets do: walls that go into the ground sent rays through it, so 6 of 8 said nothing, and a
 //! millimetre from such walls 6 % of the light outside was seen inside.
 //!
+//! Triangles that are there twice, once for each side, do not count: they are sheets with two sides.
+//!
 //! Limits: of solids that are not closed, a sheet hides what it goes through.
 
 use super::{Closed, Ray, Ray3, Tracer};
+use crate::scene::Scene;
 
 /// Surfaces on the way of a ray from which on it says nothing: with a thousand faces in one plane, each of their texels
 /// took 5 ms, and one texel of all of them 11 s.
 const MOST: usize = 256;
+
+/// Triangles at one distance from which on they are not compared with each other.
+const MOST_TOGETHER: usize = 16;
 
 impl Tracer<'_> {
     /// Of single-sided opaque surfaces with 0 < t < `t_max`, the nearest so many hold more backs than fronts, for some
@@ -30,7 +36,7 @@ impl Tracer<'_> {
             if !c.transparent && !self.scene.material(c.triangle).is_two_sided() {
                 let side = if c.front { -1 } else { 1 };
                 around += if closed.holds(c.triangle) { side } else { 0 };
-                met.push((c.t, side));
+                met.push((c.t, side, c.triangle));
             }
             met.len() < MOST
         });
@@ -40,10 +46,13 @@ impl Tracer<'_> {
         if around > 0 {
             return Some(true);
         }
+        met.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let sheets: Vec<u32> = met.chunk_by(|a, b| a.0 == b.0).flat_map(|level| sheets(self.scene, level)).collect();
+        met.retain(|m| !sheets.contains(&m.2));
         let mut leaves = |order: i32| {
             met.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then((order * a.1).cmp(&(order * b.1))));
             let mut sum = 0;
-            met.iter().any(|(_, side)| {
+            met.iter().any(|(_, side, _)| {
                 sum += side;
                 sum > 0
             })
@@ -51,4 +60,22 @@ impl Tracer<'_> {
         let [fronts_first, backs_first] = [leaves(1), leaves(-1)];
         (fronts_first == backs_first).then_some(fronts_first)
     }
+}
+
+/// What a ray meets: distance, +1 for a back and −1 for a front, triangle.
+type Met = (f32, i32, u32);
+
+/// Of a few triangles at one distance, those of which both sides are there.
+fn sheets(scene: &Scene, level: &[Met]) -> Vec<u32> {
+    if level.len() < 2 || level.len() > MOST_TOGETHER {
+        return vec![];
+    }
+    let has_other = |a: &&Met| level.iter().any(|b| a.1 != b.1 && are_sides(scene, a.2, b.2));
+    level.iter().filter(has_other).map(|a| a.2).collect()
+}
+
+/// Two triangles are the same but for the side that is their front: a sheet with two sides, not two solids face to face.
+pub(super) fn are_sides(scene: &Scene, a: u32, b: u32) -> bool {
+    let ([p, q, r], other) = (scene.corners(a), scene.corners(b));
+    [[p, r, q], [q, p, r], [r, q, p]].contains(&other)
 }

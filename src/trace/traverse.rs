@@ -56,18 +56,38 @@ pub(super) fn traverse<L: Lanes, const ANY: bool>(tracer: &Tracer<'_>, ray: Ray3
 
 /// What is known of the nearest hit so far.
 pub(super) struct Best {
-    /// Hits must be nearer, or equally near with a smaller index.
+    /// Hits must be nearer, or equally near with a smaller rank.
     pub(super) t: f32,
-    /// 0 while there is none: no index is smaller, so a hit at `t_max` is none.
-    pub(super) triangle: u32,
+    /// Of [`rank`]. 0 while there is none: no rank is smaller, so a hit at `t_max` is none.
+    pub(super) rank: u32,
     pub(super) crossing: Option<Crossing>,
+}
+
+/// Order of hits at the same distance: fronts first, as of a face that is there once for each side the other one is what is
+/// seen; then by triangle.
+#[inline(always)]
+pub(super) fn rank(triangle: u32, front: bool) -> u32 {
+    triangle | u32::from(!front) << 31
+}
+
+impl Best {
+    pub(super) fn nothing_before(t: f32) -> Self {
+        Self { t, rank: 0, crossing: None }
+    }
+
+    /// Nothing if there is none.
+    #[inline(always)]
+    pub(super) fn hit(&self) -> Option<Hit> {
+        let triangle = self.rank & !(1 << 31);
+        self.crossing.as_ref().map(|c| Hit { triangle, b: c.weights(), t: self.t, front: c.front() })
+    }
 }
 
 #[inline(always)]
 fn closest<L: Lanes>(tracer: &Tracer<'_>, ray: &Ray3, shear: &Shear) -> Option<Hit> {
     let slab = Slab::<L>::new(tracer, ray.origin, shear);
     let lanes = ShearLanes::<L>::new(shear);
-    let mut best = Best { t: ray.t_max, triangle: 0, crossing: None };
+    let mut best = Best::nothing_before(ray.t_max);
     let mut limit = limit(ray.t_max, shear.scale());
     let mut stack = Stack::new();
     let mut child = tracer.hierarchy.root;
@@ -99,7 +119,7 @@ fn closest<L: Lanes>(tracer: &Tracer<'_>, ray: &Ray3, shear: &Shear) -> Option<H
         let Some(next) = stack.pop(limit) else { break };
         child = next;
     }
-    best.crossing.map(|c| Hit { triangle: best.triangle, b: c.weights(), t: best.t, front: c.front() })
+    best.hit()
 }
 
 #[inline(always)]
@@ -126,9 +146,9 @@ fn any<L: Lanes>(tracer: &Tracer<'_>, ray: &Ray3, shear: &Shear) -> Option<Hit> 
             while passed != 0 {
                 let lane = passed.trailing_zeros() as usize % WIDTH;
                 passed &= passed - 1;
-                let mut best = Best { t: ray.t_max, triangle: 0, crossing: None };
+                let mut best = Best::nothing_before(ray.t_max);
                 if improve(tracer, ray, shear, packet, lane, &mut best) {
-                    return Some(Hit { triangle: best.triangle, b: Vec2::ZERO, t: best.t, front: true });
+                    return best.hit();
                 }
             }
         } else {
@@ -192,7 +212,8 @@ pub(super) fn take(tracer: &Tracer<'_>, ray: &Ray3, crossing: Crossing, tagged: 
     let t = crossing.t() as f32;
     let triangle = tagged & !Packet::TRANSPARENT;
     // Bitwise, because neither side of a short cut would be predicted.
-    if !((t > 0.0) & ((t < best.t) | ((t == best.t) & (triangle < best.triangle)))) {
+    let rank = rank(triangle, crossing.front());
+    if !((t > 0.0) & ((t < best.t) | ((t == best.t) & (rank < best.rank)))) {
         return false;
     }
     // Others are left out by their lanes; those of copies and transparent ones have another number there.
@@ -202,7 +223,7 @@ pub(super) fn take(tracer: &Tracer<'_>, ray: &Ray3, crossing: Crossing, tagged: 
     if tagged & Packet::TRANSPARENT != 0 && (ray.clear || !stops(tracer, ray, triangle, crossing.weights())) {
         return false;
     }
-    *best = Best { t, triangle, crossing: Some(crossing) };
+    *best = Best { t, rank, crossing: Some(crossing) };
     true
 }
 

@@ -35,6 +35,11 @@ impl Meeting {
     fn t32(&self) -> f32 {
         self.t as f32
     }
+
+    /// Nearest first, of those fronts first.
+    fn order(&self) -> (f32, bool) {
+        (self.t32(), !self.front)
+    }
 }
 
 fn plain(triangles: &[[Vec3; 3]]) -> Vec<Plain> {
@@ -56,7 +61,7 @@ fn meeting(triangle: usize, tri: &Plain, o: DVec3, d: DVec3) -> Option<Meeting> 
     Some(Meeting { triangle: triangle as u32, t, weights: [1.0 - b1 - b2, b1, b2], front: det > 0.0 })
 }
 
-/// Nearest by (f32 distance, index).
+/// Nearest by (f32 distance, side, index).
 fn reference(tris: &[Plain], ray: &Ray) -> Option<Meeting> {
     let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
     let mut best: Option<Meeting> = None;
@@ -64,7 +69,7 @@ fn reference(tris: &[Plain], ray: &Ray) -> Option<Meeting> {
         // Early way out that a vectoriser likes; the rest is rare.
         let Some(m) = meeting(i, tri, o, d) else { continue };
         let inside = m.weights[1] >= 0.0 && m.weights[2] >= 0.0 && m.weights[0] >= 0.0;
-        if inside && m.t32() > 0.0 && m.t32() < ray.t_max && best.is_none_or(|b| m.t32() < b.t32()) {
+        if inside && m.t32() > 0.0 && m.t32() < ray.t_max && best.is_none_or(|b| m.order() < b.order()) {
             best = Some(m);
         }
     }
@@ -279,9 +284,10 @@ fn axis_parallel_rays_on_box_borders_are_not_lost() {
     }
 }
 
-/// Distances of exactly equal triangles: the smallest index wins, whatever the order in memory and of corners.
+/// Distances of exactly equal triangles: the front wins, then the smallest index, whatever the order in memory and of
+/// corners.
 #[test]
-fn coplanar_twins_give_the_smallest_index() {
+fn coplanar_twins_give_the_front_and_the_smallest_index() {
     let shape = place(&blob(6, 0.1), skew(), 1.0, DVec3::ZERO);
     let n = shape.len();
     let mut triangles = shape.clone();
@@ -290,15 +296,16 @@ fn coplanar_twins_give_the_smallest_index() {
     let scene = scene_from_triangles(&triangles);
     let tracer = Tracer::new(&scene);
     let mut s = stream(4);
-    let (mut hits, mut rounded) = (0, 0);
+    let (mut hits, mut rounded) = ([0, 0], 0);
     for _ in 0..50_000 {
         let ray = random_ray(&mut s, 1.0, DVec3::ZERO);
         let Some(hit) = tracer.closest_hit(&ray) else { continue };
-        hits += 1;
+        let triangle = hit.triangle as usize;
+        hits[usize::from(triangle < n)] += 1;
         // Turned corners round t differently in the last bit of f64, which shows in f32 once in 2²⁹ or so.
-        rounded += usize::from(hit.triangle as usize >= n);
+        rounded += usize::from(!hit.front || (n..2 * n).contains(&triangle));
     }
-    assert!(hits > 15_000 && rounded == 0, "{hits} {rounded}");
+    assert!(hits[0] + hits[1] > 15_000 && hits[0].min(hits[1]) > 1_000 && rounded == 0, "{hits:?} {rounded}");
 }
 
 /// Rays from inside a closed surface, aimed exactly at vertices and at points of edges.

@@ -9,8 +9,13 @@ const OPTIONS: [&str; 6] = ["--preset", "preview", "--texels-per-meter", "20", "
 
 /// A double-sided box of quads with their fronts to its inside, or to its outside.
 fn shell(low: [f32; 3], size: [f32; 3], inward: bool) -> Vec<Quad> {
+    sides(low, size, inward, true)
+}
+
+/// A box of quads with their fronts to its inside, or to its outside.
+fn sides(low: [f32; 3], size: [f32; 3], inward: bool, double_sided: bool) -> Vec<Quad> {
     let mut material = grey(0.5);
-    material["doubleSided"] = json!(true);
+    material["doubleSided"] = json!(double_sided);
     let sides = Quad::room(low, size, material);
     let middle = Vec3::from_array(low) + Vec3::from_array(size) / 2.0;
     let facing = |quad: Quad| {
@@ -133,5 +138,21 @@ fn a_tape_with_its_front_down_is_stored_as_seen_from_above() {
         assert_eq!([turned(&up), turned(&down)], [0, 1], "{density}: {}", down.report["warnings"]);
         let ratio = sum(&down) / sum(&up);
         assert!((ratio - 1.0).abs() < 0.03, "the page holds {ratio} of the light that it should");
+    }
+}
+
+/// As some exporters write what has two sides. The copies lie on each other face to face, as crate and floor do.
+#[test]
+fn a_room_whose_faces_are_there_once_for_each_side_is_lit_as_one_with_a_single_side() {
+    let lamp = json!({"type": "point", "intensity": 3.0});
+    let bake = |order: &[bool]| {
+        let quads = order.iter().flat_map(|&inward| sides([-1.5, 0.0, -1.5], [3.0, 2.4, 3.0], inward, false)).collect();
+        let scene = Scene { quads, lights: vec![] };
+        sum(&scene.with(lamp.clone(), Vec3::new(0.2, 1.6, 0.1), Vec3::Y).bake(&OPTIONS))
+    };
+    let single = bake(&[true]);
+    for order in [[true, false], [false, true]] {
+        let ratio = bake(&order) / single;
+        assert!((ratio - 1.0).abs() < 0.01, "the page holds {ratio} of the light that it should");
     }
 }
