@@ -283,7 +283,6 @@ impl Facts<'_> {
     }
 }
 
-/// The textures of light by normal, page by page.
 /// Attributes with one more.
 fn with(attributes: &exr::Attributes, key: &str, value: &str) -> exr::Attributes {
     let mut attributes = attributes.clone();

@@ -21,20 +21,25 @@ pub fn threads() -> usize {
     rayon::current_num_threads()
 }
 
+/// Most elements of a task, of `n` in all.
+fn longest(n: usize) -> usize {
+    n.div_ceil(TASKS).max(1)
+}
+
 /// `f(0), f(1), … f(n − 1)` in order, computed in parallel.
 pub fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    (0..n).into_par_iter().with_max_len(n.div_ceil(TASKS).max(1)).map(&f).collect()
+    (0..n).into_par_iter().with_max_len(longest(n)).map(&f).collect()
 }
 
 /// [`map`] for `f` of a few nanoseconds, which small tasks would cost more than they gain.
 pub fn map_light<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    let most = n.div_ceil(TASKS).max(LEAST);
-    (0..n).into_par_iter().with_min_len(LEAST).with_max_len(most).map(&f).collect()
+    (0..n).into_par_iter().with_min_len(LEAST).with_max_len(longest(n).max(LEAST)).map(&f).collect()
 }
 
 /// Changes every value where it is, for functions as cheap.
 pub fn update_light<T: Send>(values: &mut [T], f: impl Fn(usize, &mut T) + Sync) {
-    values.par_iter_mut().with_min_len(LEAST).enumerate().for_each(|(i, value)| f(i, value));
+    let longest = longest(values.len()).max(LEAST);
+    values.par_iter_mut().with_min_len(LEAST).with_max_len(longest).enumerate().for_each(|(i, value)| f(i, value));
 }
 
 /// `f(chunk range)` for consecutive ranges of at most `chunk` indices that cover 0..n, in order.

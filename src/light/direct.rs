@@ -151,8 +151,7 @@ pub fn direct(
         parallel::map_light(n, |i| layers.iter().fold(slope[i], |sum, layer| sum + layer.estimates[i].slopes[h]))
     });
     let sky = layers.iter().find(|l| l.kind == Kind::Infinity);
-    let gathered =
-        |h: usize| parallel::map(patches.len(), |i| sky.map_or(Rgb::ZERO, |layer| layer.estimates[i].gathered[h]));
+    let gathered = |h: usize| parallel::map(n, |i| sky.map_or(Rgb::ZERO, |layer| layer.estimates[i].gathered[h]));
     for layer in &layers {
         vectors.iter_mut().zip(&layer.vectors).for_each(|(sum, own)| *sum += *own);
     }

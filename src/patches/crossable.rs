@@ -1,8 +1,8 @@
-//! What short segments over a texel cross: only what is near can be crossed, so no segment need be traced.
+//! What short segments over a texel may cross: most cross nothing, and are not traced then.
 //!
-//! In: triangles near a texel. Out: whether a segment is clear, as [`Tracer::segment_clear`] has it.
+//! In: triangles near a texel. Out: whether a segment can be told to be clear.
 //!
-//! Limits: with many triangles near, or with transparent ones, segments are traced after all.
+//! Invariant: a segment that a triangle crosses is never told to be clear.
 
 use crate::scene::Scene;
 use crate::trace::Tracer;
@@ -57,7 +57,7 @@ impl Crossable {
 
     /// Nothing lies between two points, other than a triangle that is known not to.
     pub(super) fn is_clear(&self, tracer: &Tracer<'_>, [from, to]: [Vec3; 2], known: Option<u32>) -> bool {
-        let passes_by = |near: &&Near| {
+        let passes_by = |near: &Near| {
             let [low, high] = near.bounds;
             let [corner, normal] = near.plane;
             let [a, b] = [from, to].map(|end| (end - corner).dot(normal));
@@ -67,11 +67,6 @@ impl Crossable {
                 || a.min(b) > self.pad
                 || a.max(b) < -self.pad
         };
-        let Some(near) = &self.triangles else { return tracer.segment_clear(from, to) };
-        let close = || near.iter().filter(|near| !passes_by(near)).map(|near| near.triangle);
-        if close().any(|t| !tracer.scene().material(t).is_opaque()) {
-            return tracer.segment_clear(from, to);
-        }
-        tracer.segment_misses([from, to], close())
+        self.triangles.as_ref().is_some_and(|near| near.iter().all(passes_by)) || tracer.segment_clear(from, to)
     }
 }

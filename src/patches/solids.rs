@@ -6,9 +6,9 @@
 //! surfaces, or more backs than fronts on their way out of the scene.
 //!
 //! Where nothing can be crossed between two points of a surface, both are in the same solids. So points are joined along
-//! segments a little above the surface, or right on it where something lies close over it, and of what is joined the outermost points are asked; if they disagree, as near
-//! the mouth of a hollow, all are. Lightmaps of nine scenes had the same bytes as with points asked one by one; in
-//! primitives two texels below a sheet differed.
+//! segments a little above the surface, or right on it where something lies close over it, and of what is joined the
+//! outermost points are asked; if they disagree, as near the mouth of a hollow, all are. Lightmaps of nine scenes had the
+//! same bytes as with points asked one by one; in primitives two texels below a sheet differed.
 
 use super::SurfacePoint;
 use super::cells::{MASK_GRID, cell_index};

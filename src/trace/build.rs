@@ -228,16 +228,16 @@ fn usable(scene: &Scene, keep: impl Fn(&Part) -> bool) -> Vec<Item> {
         parts.push((count, triangles.start, scene.materials[part.material].is_opaque()));
         count += triangles.len();
     }
-    let all_are = AtomicBool::new(true);
+    let all_usable = AtomicBool::new(true);
     let mut items = parallel::map_light(count, |k| {
         let (before, first, opaque) = parts[parts.partition_point(|part| part.0 <= k) - 1];
         let triangle = first + (k - before) as u32;
         item(triangle, scene.corners(triangle), opaque).unwrap_or_else(|| {
-            all_are.store(false, Ordering::Relaxed);
+            all_usable.store(false, Ordering::Relaxed);
             Item::NOTHING
         })
     });
-    if !all_are.into_inner() {
+    if !all_usable.into_inner() {
         items.retain(|item| !item.is_nothing());
     }
     items
@@ -280,7 +280,7 @@ fn write(
         } else if let Some((packet, p_rest)) = take(&mut packet_rest).split_first_mut() {
             node.set(slot, &branch.bounds, Child::packet(packet_index, branch.count));
             for (lane, item) in items[branch.first..branch.first + branch.count].iter().enumerate() {
-                packet.set(lane, corners(item.triangle() & !Packet::TRANSPARENT), item.triangle());
+                packet.set(lane, corners(item.triangle()), item.tagged());
             }
             packet_rest = p_rest;
             packet_index += 1;

@@ -365,7 +365,7 @@ impl Mesh {
         let corners = |t: u32| scene.stored_positions(t + stored.start);
         let items: Vec<Item> = (0..stored.end - stored.start).filter_map(|t| item(t, corners(t), opaque)).collect();
         let key = |p: &Vec3| p.to_array().map(f32::to_bits);
-        let mut points: Vec<Vec3> = items.iter().flat_map(|i| corners(i.triangle() & !Packet::TRANSPARENT)).collect();
+        let mut points: Vec<Vec3> = items.iter().flat_map(|i| corners(i.triangle())).collect();
         points.sort_unstable_by_key(key);
         points.dedup_by_key(|p| key(p));
         Self { hierarchy: Hierarchy::of(items, corners, 0.0), points }

@@ -4,7 +4,6 @@
 //! an order that depends on the hierarchy alone. The same box and triangle tests as in `traverse`, so nothing is
 //! crossed here that stops no ray there.
 
-use super::NO_TRIANGLE;
 use super::Ray3;
 use super::Tracer;
 use super::build::Child;
@@ -19,7 +18,7 @@ use super::traverse::limit;
 use super::triangle::Crossing;
 use super::triangle::Shear;
 use super::triangle::ShearLanes;
-use glam::{Vec2, Vec3};
+use glam::Vec2;
 
 /// A triangle that a ray crosses.
 pub(super) struct Crossed {
@@ -41,20 +40,6 @@ impl Crossed {
 }
 
 impl Tracer<'_> {
-    /// None of these triangles, opaque ones that can be met, lies strictly between two points [m]: what
-    /// [`Tracer::segment_clear`] says where nothing else is near, without a search for what is.
-    #[must_use]
-    pub fn segment_misses(&self, [from, to]: [Vec3; 2], mut triangles: impl Iterator<Item = u32>) -> bool {
-        let direction = to.as_dvec3() - from.as_dvec3();
-        let ray = Ray3 { origin: from, direction, t_max: 1.0, passes: NO_TRIANGLE, clear: false };
-        if !ray.is_valid() {
-            return true;
-        }
-        let shear = Shear::new(from, direction);
-        let meets = |crossing: &Crossing| 0.0 < crossing.t() as f32 && (crossing.t() as f32) < ray.t_max;
-        !triangles.any(|t| shear.cross_points(self.scene.corners(t)).as_ref().is_some_and(meets))
-    }
-
     /// Calls `visit` for all of it, as long as that returns true. Rays that are not finite, or have no direction or length,
     /// cross nothing.
     pub(super) fn each_crossed(&self, ray: &Ray3, visit: impl FnMut(Crossed) -> bool) {

@@ -208,9 +208,9 @@ impl<'a> Tracer<'a> {
         self.scene
     }
 
-    /// The nearest hit with 0 < t < `t_max`; of equal distances fronts come first, then the
-    /// smallest triangle index. Triangles have two sides.
-    /// Transparent ones are passed with probability 1 − opacity, decided by a hash of the ray and the triangle.
+    /// The nearest hit with 0 < t < `t_max`; of equal distances fronts come first, then the smallest triangle index.
+    /// Triangles have two sides. Transparent ones are passed with probability 1 − opacity, decided by a hash of the ray
+    /// and the triangle.
     #[must_use]
     pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
         self.nearest(ray.into())
@@ -247,7 +247,8 @@ impl<'a> Tracer<'a> {
         })
     }
 
-    /// What lies on this point of a triangle's front, face to face, as the foot of a chair on the floor. Rays that leave
+    /// What lies on this point of a triangle's front, face to face, as the foot of a chair on the floor; not the same
+    /// triangle once more with its front on the other side, which makes a sheet with two sides. Rays that leave
     /// the point start beyond that surface, as its distance is less than the push of [`Tracer::origin_on`].
     #[must_use]
     pub fn sealed_by(&self, ground: &Ground, triangle: u32, b: Vec2) -> Option<u32> {

@@ -46,24 +46,31 @@ impl Tracer<'_> {
         if around > 0 {
             return Some(true);
         }
-        met.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-        let sheets: Vec<u32> = met.chunk_by(|a, b| a.0 == b.0).flat_map(|level| sheets(self.scene, level)).collect();
-        met.retain(|m| !sheets.contains(&m.2));
-        let mut leaves = |order: i32| {
-            met.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then((order * a.1).cmp(&(order * b.1))));
-            let mut sum = 0;
-            met.iter().any(|(_, side, _)| {
-                sum += side;
-                sum > 0
-            })
+        let fronts_first = leaves(&mut met, 1);
+        let agree = leaves(&mut met, -1) == fronts_first || {
+            // Both sides of a sheet change nothing where fronts come first.
+            let sheets: Vec<u32> =
+                met.chunk_by(|a, b| a.0 == b.0).flat_map(|level| sheets(self.scene, level)).collect();
+            met.retain(|m| !sheets.contains(&m.2));
+            leaves(&mut met, -1) == fronts_first
         };
-        let [fronts_first, backs_first] = [leaves(1), leaves(-1)];
-        (fronts_first == backs_first).then_some(fronts_first)
+        agree.then_some(fronts_first)
     }
 }
 
 /// What a ray meets: distance, +1 for a back and −1 for a front, triangle.
 type Met = (f32, i32, u32);
+
+/// Some number of the nearest hold more backs than fronts; at equal distances fronts come first if `order` is 1, backs if it
+/// is −1.
+fn leaves(met: &mut [Met], order: i32) -> bool {
+    met.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then((order * a.1).cmp(&(order * b.1))));
+    let mut sum = 0;
+    met.iter().any(|(_, side, _)| {
+        sum += side;
+        sum > 0
+    })
+}
 
 /// Of a few triangles at one distance, those of which both sides are there.
 fn sheets(scene: &Scene, level: &[Met]) -> Vec<u32> {

@@ -14,6 +14,7 @@
 //! the same at every thread count. NaN and infinity in areas (a scene as large as f32) only make the cut a worse one.
 
 use super::build::LANES;
+use super::build::Packet;
 use crate::base::parallel;
 use glam::{Vec3, Vec3A, Vec4};
 
@@ -90,9 +91,9 @@ impl Item {
     /// finite. Without it it would be denormal, and each sum or product a hundred times as slow.
     const NORMAL: u32 = 1 << 30;
 
-    /// Box of a triangle; `triangle` is that of [`super::build::Packet::triangles`], and below 2²⁸ but for the flag.
-    pub(super) fn new(min: Vec3, max: Vec3, triangle: u32) -> Self {
-        Self { min: min.extend(f32::from_bits(triangle | Self::NORMAL)), max: max.extend(1.0) }
+    /// Box of a triangle; `tagged` is one of [`Packet::triangles`], and below 2²⁸ but for the flag.
+    pub(super) fn new(min: Vec3, max: Vec3, tagged: u32) -> Self {
+        Self { min: min.extend(f32::from_bits(tagged | Self::NORMAL)), max: max.extend(1.0) }
     }
 
     /// What stands in a list for a triangle that is left out of it. Its box adds nothing to others.
@@ -102,8 +103,13 @@ impl Item {
         self.min.w == f32::INFINITY
     }
 
-    pub(super) fn triangle(&self) -> u32 {
+    /// As [`Packet::triangles`] has it.
+    pub(super) fn tagged(&self) -> u32 {
         self.min.w.to_bits() & !Self::NORMAL
+    }
+
+    pub(super) fn triangle(&self) -> u32 {
+        self.tagged() & !Packet::TRANSPARENT
     }
 
     /// Smallest and largest coordinates.
@@ -364,7 +370,8 @@ mod tests {
             let mut item = item(3.0, 2.0, triangle);
             assert!([item.min.w, item.max.w].iter().all(|w| w.is_normal()), "{triangle}");
             item.set_bounds((Vec3::splat(-1.0), Vec3::splat(7.0)));
-            assert_eq!((item.triangle(), item.is_nothing()), (triangle, false));
+            assert_eq!((item.tagged(), item.triangle()), (triangle, triangle & !(1 << 31)));
+            assert!(!item.is_nothing());
             assert_eq!(item.bounds(), (Vec3::splat(-1.0), Vec3::splat(7.0)));
             assert_eq!(item.centre(), Vec3A::splat(3.0));
         }

