@@ -203,7 +203,7 @@ impl<'a> Solver<'a> {
     /// Darkness, before the first pass.
     pub(super) fn new(setup: &Setup<'_>, emitters: &'a Emitters, seed: u64) -> Self {
         let patches = setup.patches;
-        let black = || [0, 1].map(|_| vec![Rgb::ZERO; patches.len()]);
+        let black = || [0, 1].map(|_| parallel::map_light(patches.len(), |_| Rgb::ZERO));
         Self {
             emitters,
             seed,
@@ -415,7 +415,8 @@ impl<'a> Solver<'a> {
             indirect: if setup.settings.gather > 0 {
                 let mut halves = self.gathered.halves();
                 for (half, glared) in halves.iter_mut().zip(self.glared.halves()) {
-                    half.iter_mut().zip(glared).for_each(|(sum, own)| *sum += own);
+                    // Where nobody looked for any, there are none.
+                    parallel::update_light(&mut half[..glared.len()], |i, sum| *sum += glared[i]);
                 }
                 halves
             } else {

@@ -42,6 +42,27 @@ pub fn update_light<T: Send>(values: &mut [T], f: impl Fn(usize, &mut T) + Sync)
     values.par_iter_mut().with_min_len(LEAST).with_max_len(longest).enumerate().for_each(|(i, value)| f(i, value));
 }
 
+/// `f(row, its values)` for every row of values that lie row after row, `first[i]..first[i + 1]` those of row i; a few rows
+/// at a time, as `f` is cheap. Empty `first`: no rows.
+pub fn update_rows<T: Send>(values: &mut [T], first: &[u32], f: impl Fn(usize, &mut [T]) + Sync) {
+    let rows = first.len().saturating_sub(1);
+    let chunk = longest(rows).min(LEAST);
+    let mut rest = values;
+    let parts = (0..rows).step_by(chunk).map(|start| {
+        let end = rows.min(start + chunk);
+        let (own, after) = core::mem::take(&mut rest).split_at_mut((first[end] - first[start]) as usize);
+        rest = after;
+        (start..end, own)
+    });
+    parts.collect::<Vec<_>>().into_par_iter().for_each(|(range, mut own)| {
+        for row in range {
+            let (values, after) = own.split_at_mut((first[row + 1] - first[row]) as usize);
+            f(row, values);
+            own = after;
+        }
+    });
+}
+
 /// `f(chunk range)` for consecutive ranges of at most `chunk` indices that cover 0..n, in order.
 pub fn map_chunks<T: Send>(n: usize, chunk: usize, f: impl Fn(core::ops::Range<usize>) -> T + Sync) -> Vec<T> {
     let chunk = chunk.max(1);
@@ -91,6 +112,19 @@ mod tests {
             progress.cancel();
             assert_eq!(map_watched(n, &progress, |i| i + 1), vec![0; n]);
         }
+    }
+
+    #[test]
+    fn rows_get_the_values_that_are_theirs() {
+        for rows in [0u32, 1, 5, 10_000] {
+            // Row i has i mod 4 values.
+            let first: Vec<u32> = (0..=rows).map(|i| i / 4 * 6 + [0, 0, 1, 3][i as usize % 4]).collect();
+            let mut values = vec![u32::MAX; first.last().copied().unwrap_or(0) as usize];
+            update_rows(&mut values, &first, |row, own| own.fill(row as u32));
+            let expected: Vec<u32> = (0..rows).flat_map(|row| vec![row; row as usize % 4]).collect();
+            assert_eq!(values, expected);
+        }
+        update_rows(&mut [0u8; 0], &[], |_, _| unreachable!());
     }
 
     #[test]

@@ -100,23 +100,23 @@ impl Network {
 
     /// From rows, chunk by chunk.
     pub(super) fn from_chunks(chunks: Vec<Rows>) -> Self {
-        let (mut first, mut links) = (vec![0u32], vec![]);
-        for (own, ends) in chunks {
-            let before = links.len() as u32;
-            first.extend(ends.into_iter().map(|end| before + end));
-            links.extend(own);
+        let (mut first, mut starts) = (vec![0u32], vec![0u32]);
+        for (own, ends) in &chunks {
+            let before = starts[starts.len() - 1];
+            first.extend(ends.iter().map(|end| before + end));
+            starts.push(before + own.len() as u32);
         }
+        let mut links = vec![(0, 0.0); starts[chunks.len()] as usize];
+        parallel::update_rows(&mut links, &starts, |chunk, links| links.copy_from_slice(&chunks[chunk].0));
         Self { first, links }
     }
 
     /// Adds what `f` says of the two ends of a link, for every entry of every row; an empty sum starts at zero.
     pub(super) fn add_over_links(&self, sums: &mut Vec<f32>, f: impl Fn(usize, usize) -> f32 + Sync) {
         sums.resize(self.links.len(), 0.0);
-        let found = parallel::map_chunks(self.first.len() - 1, CHUNK, |range| {
-            let ends = range.flat_map(|i| self.row(i).iter().map(move |&(j, _)| (i, j as usize)));
-            ends.map(|(i, j)| f(i, j)).collect::<Vec<_>>()
+        parallel::update_rows(sums, &self.first, |i, sums| {
+            sums.iter_mut().zip(self.row(i)).for_each(|(sum, &(j, _))| *sum += f(i, j as usize));
         });
-        sums.iter_mut().zip(found.into_iter().flatten()).for_each(|(sum, own)| *sum += own);
     }
 
     /// The same links, but that a jump (squared) as large as the noise on its calmer side halves what flows. Noise below zero,
@@ -187,15 +187,13 @@ impl Network {
 
     /// The same links, their rates times what `f` makes of the two ends and the number of the entry.
     fn scaled(&self, f: impl Fn(usize, usize, usize) -> f32 + Sync) -> Self {
-        let entry = |i: usize, k: usize| {
-            let (j, rate) = self.links[k];
-            (j, rate * f(i, j as usize, k))
-        };
-        let row = |i: usize| (self.first[i] as usize..self.first[i + 1] as usize).map(move |k| (i, k));
-        let links = parallel::map_chunks(self.first.len() - 1, CHUNK, |range| {
-            range.flat_map(row).map(|(i, k)| entry(i, k)).collect::<Vec<_>>()
+        let mut links = vec![(0, 0.0); self.links.len()];
+        parallel::update_rows(&mut links, &self.first, |i, links| {
+            for (k, (link, &(j, rate))) in (self.first[i] as usize..).zip(links.iter_mut().zip(self.row(i))) {
+                *link = (j, rate * f(i, j as usize, k));
+            }
         });
-        Self { first: self.first.clone(), links: links.concat() }
+        Self { first: self.first.clone(), links }
     }
 
     /// `field` after so many steps.

@@ -124,9 +124,9 @@ impl Errors {
 
     /// Noise and bias after averaging, never below the noise.
     fn averaged(&self, average: impl Fn(Vec<f32>) -> Vec<f32>) -> Vec<f32> {
-        let both = self.noise.iter().zip(&self.bias).map(|(n, b)| n + b).collect();
+        let both = parallel::map_light(self.noise.len(), |i| self.noise[i] + self.bias[i]);
         let (both, noise) = (average(both), average(self.noise.clone()));
-        both.into_iter().zip(noise).map(|(e, n)| e.max(n)).collect()
+        parallel::map_light(both.len(), |i| both[i].max(noise[i]))
     }
 }
 
@@ -165,9 +165,8 @@ pub fn share(patches: &Patches, ways: Ways, halves: [&mut Vec<Rgb>; 2], along: A
     drop(flow);
     let bias = parallel::map_light(raw.len(), |i| bias(shared[i], raw[i]));
     let noise = left(&windows, &before, &shared);
-    for (i, pair) in shared.into_iter().enumerate() {
-        (a[i], b[i]) = (pair.0, pair.1);
-    }
+    parallel::update_light(a, |i, a| *a = shared[i].0);
+    parallel::update_light(b, |i, b| *b = shared[i].1);
     Errors { noise, bias }
 }
 
@@ -232,14 +231,14 @@ fn bandwidth(network: &Network, judge: &Judge<'_>, (raw, trends): (&[Pair], &[Pa
             let level = if steps == 0 { raw[i] } else { trends[i] + flowed[i] * 2.0 - twice[i] };
             (bias(level, raw[i]), noise(level))
         });
-        let mut chosen = 0;
-        for ((best, error), &raw) in best.iter_mut().zip(judge.errors(&found)).zip(raw) {
-            if error < best.0 + unseen(raw) {
-                *best = (error.min(best.0), steps as f32);
-                chosen += 1;
+        let errors = judge.errors(&found);
+        parallel::update_light(&mut best, |i, best| {
+            if errors[i] < best.0 + unseen(raw[i]) {
+                *best = (errors[i].min(best.0), steps as f32);
             }
-        }
-        if (chosen as f64) < WORTHWHILE * raw.len() as f64 {
+        });
+        let chosen = parallel::sum(best.len(), |i| f64::from(best[i].1 == steps as f32));
+        if chosen < WORTHWHILE * raw.len() as f64 {
             break;
         }
         flowed = twice;

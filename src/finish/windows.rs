@@ -19,6 +19,8 @@ use crate::patches::Patches;
 const STEPS: usize = 8;
 /// Texels that such a window averages over, on a plane: 4π times the variance of the flow.
 const TEXELS: f32 = 161.0;
+/// Patches per parallel task.
+const CHUNK: usize = 1 << 12;
 
 /// Blocks of patches, and what flows between them.
 pub(super) struct Windows {
@@ -43,13 +45,19 @@ impl Windows {
     }
 
     /// Blocks are patches in one square that are linked within it.
-    pub(super) fn of<S: PartialEq>(network: &Network, area: Vec<f32>, square: impl Fn(usize) -> S) -> Self {
+    pub(super) fn of<S: PartialEq>(network: &Network, area: Vec<f32>, square: impl Fn(usize) -> S + Sync) -> Self {
+        let together = parallel::map_chunks(network.len(), CHUNK, |range| {
+            let mut pairs = vec![];
+            for i in range {
+                let own = square(i);
+                // Each link is in the rows of both of its ends.
+                let linked = network.row(i).iter().filter(|(j, rate)| *rate > 0.0 && (*j as usize) < i);
+                pairs.extend(linked.filter(|(j, _)| square(*j as usize) == own).map(|(j, _)| [i as u32, *j]));
+            }
+            pairs
+        });
         let mut sets = Sets::new(network.len());
-        for i in 0..network.len() {
-            let own = square(i);
-            let linked = network.row(i).iter().filter(|(_, rate)| *rate > 0.0).map(|(j, _)| *j as usize);
-            linked.filter(|&j| square(j) == own).for_each(|j| sets.join(i, j));
-        }
+        together.into_iter().flatten().for_each(|[i, j]| sets.join(i as usize, j as usize));
         let blocks = Groups::new(sets.numbers());
         let network = network.merged(&blocks, &area);
         let sizes = network.sizes(|b| blocks.members(b).len() as u32);

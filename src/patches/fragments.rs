@@ -89,7 +89,8 @@ fn collect<K: Ord + Copy + Send + Sync>(
     nth: impl Fn(usize) -> (u32, SurfaceTriangle, u32) + Sync,
     texel: impl Fn(&SurfaceTriangle, u32, [i32; 2]) -> Option<K> + Sync,
 ) -> Vec<Piece<K>> {
-    let chunks = parallel::map_chunks(n, 256, |range| {
+    // Few triangles are large ones.
+    let chunks = parallel::map_chunks(n, (n / 1024).clamp(1, 256), |range| {
         let mut pieces = vec![];
         for i in range {
             let (triangle, t, chart) = nth(i);

@@ -33,6 +33,9 @@ const HALVINGS: u32 = 10;
 /// Width of what is left then [texels].
 const FINEST: f64 = CELL / (1 << HALVINGS) as f64;
 
+/// Patches per parallel task.
+const CHUNK: usize = 1 << 12;
+
 /// A texel without exposed surface, or cut off from those who read it, and who they are.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Unlit {
@@ -51,11 +54,7 @@ pub fn around() -> impl Iterator<Item = (i32, i32)> {
 pub(super) fn find(patches: &Patches, solids: Solids<'_>, walled: &[bool], progress: &Progress) -> Vec<Unlit> {
     let mut texels = beside_hidden(patches);
     texels.extend(cut_off(patches, solids, walled));
-    let behind = (0..patches.front).filter(|&i| patches.hollow(i) == Hollow::Behind);
-    texels.extend(behind.map(|i| {
-        let (x, y) = patches.texel_xy(i);
-        [patches.page(i), x, y]
-    }));
+    texels.extend(behind(patches));
     texels.sort_unstable();
     texels.dedup();
     let found = parallel::map_watched(texels.len(), progress, |k| unlit(patches, solids, texels[k]));
@@ -89,18 +88,29 @@ fn unlit(patches: &Patches, solids: Solids<'_>, texel: [u32; 3]) -> Unlit {
 /// Texels without exposed surface that are, or touch, a texel with hidden surface.
 fn beside_hidden(patches: &Patches) -> Vec<[u32; 3]> {
     let [width, height] = patches.page_size;
-    let mut texels = vec![];
-    for i in (0..patches.front).filter(|&i| patches.exposed[i] < 1.0) {
+    let beside = |i: usize| {
         let (page, (x, y)) = (patches.page(i), patches.texel_xy(i));
-        for (dx, dy) in around().chain([(0, 0)]) {
+        around().chain([(0, 0)]).filter_map(move |(dx, dy)| {
             let (u, v) = (x as i32 + dx, y as i32 + dy);
             let inside = u >= 0 && v >= 0 && u < width as i32 && v < height as i32;
-            if inside && patches.front_at(page, u, v).is_none_or(|j| patches.exposed[j] <= 0.0) {
-                texels.push([page, u as u32, v as u32]);
-            }
-        }
-    }
-    texels
+            let hidden = inside && patches.front_at(page, u, v).is_none_or(|j| patches.exposed[j] <= 0.0);
+            hidden.then_some([page, u as u32, v as u32])
+        })
+    };
+    let chunks = parallel::map_chunks(patches.front, CHUNK, |range| {
+        range.filter(|&i| patches.exposed[i] < 1.0).flat_map(beside).collect::<Vec<_>>()
+    });
+    chunks.concat()
+}
+
+/// Texels that show what is behind their surface.
+fn behind(patches: &Patches) -> Vec<[u32; 3]> {
+    let chunks = parallel::map_chunks(patches.front, CHUNK, |range| {
+        let behind = range.filter(|&i| patches.hollow(i) == Hollow::Behind);
+        let texel = |i: usize| (patches.page(i), patches.texel_xy(i));
+        behind.map(texel).map(|(page, (x, y))| [page, x, y]).collect::<Vec<_>>()
+    });
+    chunks.concat()
 }
 
 /// Exposed texels behind the sheet that their neighbour ends at.

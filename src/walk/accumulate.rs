@@ -19,6 +19,8 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 /// Bits of the largest sum that can occur; two are kept free for rounding up.
 const SUM_BITS: i32 = 61;
+/// Of a patch where nothing has arrived.
+const NO_MARK: u64 = u64::MAX;
 /// All copies together.
 const MOST_BYTES: usize = 256 << 20;
 
@@ -47,7 +49,7 @@ impl Mark {
     }
 }
 
-/// Received flux.
+/// Received flux; made once for all bounces, as fresh pages of memory cost as much as some hundred thousand lines.
 pub(super) struct Arrivals {
     copies: Vec<Vec<Sums>>,
     patches: usize,
@@ -64,21 +66,21 @@ pub(super) struct Adder<'a> {
 }
 
 impl Arrivals {
-    /// Room for `n` patches that receive at most `most` lumens together in any channel.
-    pub(super) fn new(n: usize, most: f64) -> Self {
+    /// Room for `n` patches.
+    pub(super) fn new(n: usize) -> Self {
         let threads = rayon::current_num_threads();
         let affordable = (MOST_BYTES / (n.max(1) * size_of::<Sums>())).max(1);
         let owned = affordable > threads;
         let copies = if owned { threads + 1 } else { affordable };
-        let none = || Sums { flux: [const { AtomicU64::new(0) }; 3], mark: AtomicU64::new(u64::MAX) };
-        let copy = |_| (0..n).map(|_| none()).collect();
+        let none = |_| Sums { flux: [const { AtomicU64::new(0) }; 3], mark: AtomicU64::new(NO_MARK) };
+        let copies = (0..copies).map(|_| parallel::map_light(n, none)).collect();
+        Self { copies, patches: n, owned, units_per_lumen: 0.0 }
+    }
+
+    /// From now on the patches receive at most `most` lumens together in any channel.
+    pub(super) fn expect(&mut self, most: f64) {
         let (_, exponent) = libm::frexp(most.max(f64::MIN_POSITIVE));
-        Self {
-            copies: parallel::map(copies, copy),
-            patches: n,
-            owned,
-            units_per_lumen: libm::ldexp(1.0, SUM_BITS - exponent),
-        }
+        self.units_per_lumen = libm::ldexp(1.0, SUM_BITS - exponent);
     }
 
     /// For the calling thread, as long as it is in this call of the pool.
@@ -89,15 +91,20 @@ impl Arrivals {
         Adder { sums: &self.copies[copy % self.copies.len()], alone, units_per_lumen: self.units_per_lumen }
     }
 
-    /// The sums [lm], and a point of each patch where flux arrived (some point where none did).
-    pub(super) fn take(self) -> (Vec<Rgb>, Vec<Mark>) {
+    /// The sums [lm], and a point of each patch where flux arrived (some point where none did); none is left here.
+    pub(super) fn take(&mut self) -> (Vec<Rgb>, Vec<Mark>) {
         let scale = 1.0 / self.units_per_lumen;
-        let total = |i: usize, c: usize| self.copies.iter().map(|sums| sums[i].flux[c].load(Relaxed)).sum::<u64>();
-        let flux = parallel::map(self.patches, |i| {
+        let take = |sum: &AtomicU64, none: u64| {
+            let value = sum.load(Relaxed);
+            sum.store(none, Relaxed);
+            value
+        };
+        let total = |i: usize, c: usize| self.copies.iter().map(|sums| take(&sums[i].flux[c], 0)).sum::<u64>();
+        let flux = parallel::map_light(self.patches, |i| {
             (DVec3::from_array([0, 1, 2].map(|c| total(i, c) as f64)) * scale).as_vec3()
         });
-        let least = |i: usize| self.copies.iter().map(|sums| sums[i].mark.load(Relaxed)).min().unwrap_or(0);
-        (flux, parallel::map(self.patches, |i| Mark(least(i) as u32)))
+        let least = |i: usize| self.copies.iter().map(|sums| take(&sums[i].mark, NO_MARK)).min().unwrap_or(0);
+        (flux, parallel::map_light(self.patches, |i| Mark(least(i) as u32)))
     }
 }
 
@@ -143,7 +150,8 @@ mod tests {
         let add = |adder: &Adder<'_>, i| adder.flux(0, adder.units(term(i)));
         let run = |threads, patches| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            let flux = pool.install(|| Arrivals::new(patches, 30_000.0));
+            let mut flux = pool.install(|| Arrivals::new(patches));
+            flux.expect(30_000.0);
             pool.install(|| (0..100_000u64).into_par_iter().for_each(|i| add(&flux.adder(), i)));
             // From outside the pool as well.
             (100_000..100_010u64).for_each(|i| add(&flux.adder(), i));
@@ -168,7 +176,8 @@ mod tests {
         let flux = |i: u64| Rgb::splat(if i.is_multiple_of(2) { 3.0 } else { 1.0 });
         let run = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            let arrivals = pool.install(|| Arrivals::new(patches, 1e5));
+            let mut arrivals = pool.install(|| Arrivals::new(patches));
+            arrivals.expect(1e5);
             pool.install(|| {
                 (0..2 * patches as u64).into_par_iter().for_each(|i| {
                     let (patch, within) = arrival(i);

@@ -30,6 +30,7 @@ use crate::base::{Progress, Rgb, parallel};
 use crate::patches::{PatchGraph, Patches, Tilts};
 use crate::trace::{Line, Tracer};
 
+use accumulate::Arrivals;
 use shoot::{Landed, Starts};
 
 pub use deposit::Splat;
@@ -125,9 +126,10 @@ pub fn walk(
         None => shooter.ratio(&unshot, first, pilot),
     };
     let mut state = State::new(patches, unshot, ratio);
+    let mut arrivals = Arrivals::new(patches.len());
     if let Some(emitted) = emitted {
         let lines = state.lines_for(Some(emitted), settings);
-        let landed = shooter.emitted(emitted, lines);
+        let landed = shooter.emitted(emitted, lines, &mut arrivals);
         state.turn(patches, &landed);
         state.direct = landed.received;
     }
@@ -139,10 +141,8 @@ pub fn walk(
             break;
         }
         let starts = if bounce > 0 && tilts.is_some() { Starts::At(&marks) } else { first };
-        let landed = shooter.reflected(&state.unshot, starts, lines, bounce);
-        for (sum, r) in state.indirect.iter_mut().zip(&landed.received) {
-            *sum += *r;
-        }
+        let landed = shooter.reflected(&state.unshot, starts, lines, bounce, &mut arrivals);
+        parallel::update_light(&mut state.indirect, |i, sum| *sum += landed.received[i]);
         state.unshot.fill(Rgb::ZERO);
         state.turn(patches, &landed);
         marks = landed.marks;
@@ -178,9 +178,7 @@ impl State {
 
     /// Adds what the patches reflect of `received` to what they have to shoot.
     fn turn(&mut self, patches: &Patches, Landed { received, bounce, .. }: &Landed) {
-        for (i, unshot) in self.unshot.iter_mut().enumerate() {
-            *unshot += patches.scattered(i, |k| received[k]);
-        }
+        parallel::update_light(&mut self.unshot, |i, unshot| *unshot += patches.scattered(i, |k| received[k]));
         self.spent += bounce.lines;
         self.all_power += Bounce::mean(bounce.unshot);
         self.ledger.push(*bounce);

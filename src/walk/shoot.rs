@@ -89,8 +89,8 @@ impl Out {
 
 impl Shooter<'_> {
     /// Shoots `lines` lines of the emitters.
-    pub(super) fn emitted(&self, emitted: &EmittedLines<'_>, lines: u64) -> Landed {
-        let arrivals = Arrivals::new(self.patches.len(), 8.0 * f64::from(emitted.flux.max_element()));
+    pub(super) fn emitted(&self, emitted: &EmittedLines<'_>, lines: u64, arrivals: &mut Arrivals) -> Landed {
+        arrivals.expect(8.0 * f64::from(emitted.flux.max_element()));
         let tallies = parallel::map_chunks(lines as usize, chunk(lines), |range| {
             self.progress.advance(range.len() as u64);
             let mut out = Out::new(range.len());
@@ -98,19 +98,26 @@ impl Shooter<'_> {
                 out.add((emitted.line)(k as u64, lines), None);
             }
             let (ends, tally) = self.land_all(&mut out);
-            self.deposit(&ends, &arrivals);
+            self.deposit(&ends, arrivals);
             tally
         });
         self.close(arrivals, &tallies, lines, emitted.flux.as_dvec3())
     }
 
     /// Shoots `lines` lines from the patches, in proportion to what they have to shoot, and where on a patch.
-    pub(super) fn reflected(&self, unshot: &[Rgb], starts: Starts<'_>, lines: u64, bounce: u32) -> Landed {
+    pub(super) fn reflected(
+        &self,
+        unshot: &[Rgb],
+        starts: Starts<'_>,
+        lines: u64,
+        bounce: u32,
+        arrivals: &mut Arrivals,
+    ) -> Landed {
         let running = running_sum(unshot);
         let total = running.last().copied().unwrap_or(0.0);
         let channels = DVec3::from_array([0, 1, 2].map(|c| parallel::sum(unshot.len(), |i| f64::from(unshot[i][c]))));
         // A line's channels add up to three times its mean, so no channel of all lines exceeds 3 × total.
-        let arrivals = Arrivals::new(self.patches.len(), 3.0 * total * (1.0 + 1.0 / lines as f64));
+        arrivals.expect(3.0 * total * (1.0 + 1.0 / lines as f64));
         let offset = Stream::new(self.settings.seed, Stage::Walk, u64::from(bounce), u64::MAX).next_f64();
         let sequence = Sequence::new(mix(self.settings.seed ^ mix(u64::from(bounce) + 1)));
         let step = total / lines as f64;
@@ -138,7 +145,7 @@ impl Shooter<'_> {
                 out.add(Line { ray, flux: part(unshot[patch], step) }, Some(from));
             }
             let (ends, tally) = self.land_all(&mut out);
-            self.deposit(&ends, &arrivals);
+            self.deposit(&ends, arrivals);
             tally
         });
         self.close(arrivals, &tallies, lines, channels)
@@ -220,7 +227,7 @@ impl Shooter<'_> {
         }
     }
 
-    fn close(&self, arrivals: Arrivals, tallies: &[Tally], lines: u64, unshot: DVec3) -> Landed {
+    fn close(&self, arrivals: &mut Arrivals, tallies: &[Tally], lines: u64, unshot: DVec3) -> Landed {
         let (received, marks) = arrivals.take();
         let sum = tallies.iter().fold(Tally::default(), |a, b| Tally {
             shot: a.shot + b.shot,
@@ -258,12 +265,11 @@ fn leave(surface: &PatchSurface<'_>, u: [f32; 4], patch: usize, starts: Starts<'
 
 /// Running sum of the mean of the channels; the last entry is the total.
 fn running_sum(unshot: &[Rgb]) -> Vec<f64> {
+    let mut sums = parallel::map_light(unshot.len(), |i| super::mean(unshot[i]));
     let mut sum = 0.0;
-    unshot
-        .iter()
-        .map(|&v| {
-            sum += super::mean(v);
-            sum
-        })
-        .collect()
+    sums.iter_mut().for_each(|own| {
+        sum += *own;
+        *own = sum;
+    });
+    sums
 }
