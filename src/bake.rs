@@ -147,7 +147,7 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     let charted = clock.timed("atlas", |_| atlas::build(&tracer, &how))??;
     let atlas = charted.output;
     warnings.extend(charted.warnings);
-    warnings.extend(scene.missing_materials());
+    warnings.extend(scene.missing_materials().into_iter().chain(scene.nothing_lit()));
     admit(&scene, &atlas, settings)?;
     let mut patches = clock.timed("patches", |progress| Patches::new(&tracer, &atlas, progress))?;
     let turned = sides::turn(&tracer, &atlas, &mut patches, settings, &mut clock)?;

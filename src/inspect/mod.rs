@@ -116,7 +116,13 @@ pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
         utilization: atlas.utilization(),
         memory,
         time,
-        warnings: loaded.warnings.into_iter().chain(charted.warnings).chain(scene.missing_materials()).collect(),
+        warnings: loaded
+            .warnings
+            .into_iter()
+            .chain(charted.warnings)
+            .chain(scene.missing_materials())
+            .chain(scene.nothing_lit())
+            .collect(),
     })
 }
 

@@ -8,6 +8,7 @@
 //! follow the example: u' = u·cos + v·sin, v' = −u·sin + v·cos, after the scale and before the offset.
 
 use super::Error;
+use super::Part;
 use super::Scene;
 use super::Volume;
 use super::primitive::MAX_UV_SETS;
@@ -196,6 +197,21 @@ impl Scene {
             first.name, first.primitive
         );
         Some(Warning::new("no-material", what).at(&first.name))
+    }
+
+    /// Warns that no lightmap comes of the scene because what could have one is unlit: models whose light is in their
+    /// textures already often come that way. Where rules or the document want none, nobody is told.
+    #[must_use]
+    pub fn nothing_lit(&self) -> Option<Warning> {
+        let unlit = |part: &&Part| part.treatment.receives && self.materials[part.material].unlit;
+        let first = self.parts.iter().find(unlit).filter(|_| self.parts.iter().all(|part| !part.receives))?;
+        let what = format!(
+            "nothing gets a lightmap: {} of {} primitives have unlit materials (KHR_materials_unlit), which show none, and no \
+             other can have one; take the extension from what is to be lit",
+            self.parts.iter().filter(unlit).count(),
+            self.parts.len()
+        );
+        Some(Warning::new("nothing-lit", what).at(&first.name))
     }
 }
 

@@ -143,6 +143,22 @@ fn lit_surface_without_a_material_is_told() {
 }
 
 #[test]
+fn scenes_whose_surface_is_all_unlit_are_told() {
+    let mut b = Builder::square(json!({"extensions": {"KHR_materials_unlit": {}}}));
+    let warning = load(&b).nothing_lit().unwrap();
+    assert_eq!(warning.code, "nothing-lit");
+    assert!(warning.message.contains("1 of 1 primitives"), "{}", warning.message);
+    // Not where none is wanted, and not where anything else is lit.
+    b.set("/nodes/0/extras", json!({"texelwalk": {"receives": false}}));
+    assert_eq!(load(&b).nothing_lit(), None);
+    b.set("/nodes/0/extras", json!({}));
+    let lit = json!({"attributes": {"POSITION": 0}, "indices": 2});
+    let mesh = b.push("meshes", json!({"primitives": [lit]}));
+    b.push("nodes", json!({"mesh": mesh}));
+    assert_eq!(load(&b).nothing_lit(), None);
+}
+
+#[test]
 fn alpha_is_factor_times_texture_times_vertex_colour() {
     let mut b = textured(json!({}), json!({"magFilter": 9728}));
     b.set("/materials/0/pbrMetallicRoughness/baseColorFactor", json!([1, 1, 1, 0.5]));
