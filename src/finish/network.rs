@@ -33,7 +33,7 @@ use core::ops::{Add, Mul, Sub};
 pub(super) const STEP: f32 = 0.2;
 
 /// Patches per chunk of work on links.
-const CHUNK: usize = 1 << 12;
+pub(super) const CHUNK: usize = 1 << 12;
 /// Steps up to which there is nothing to gain by taking them together.
 const FEW: usize = 3;
 /// Eigenvalues of a step's change reach twice its largest row sum.

@@ -11,7 +11,7 @@
 //!
 //! Limits: texels of one block have one mean, so windows are off by up to half a texel.
 
-use super::network::{Field, Network};
+use super::network::{CHUNK, Field, Network};
 use crate::base::{Groups, Sets, parallel};
 use crate::patches::Patches;
 
@@ -19,8 +19,6 @@ use crate::patches::Patches;
 const STEPS: usize = 8;
 /// Texels that such a window averages over, on a plane: 4π times the variance of the flow.
 const TEXELS: f32 = 161.0;
-/// Patches per parallel task.
-const CHUNK: usize = 1 << 12;
 
 /// Blocks of patches, and what flows between them.
 pub(super) struct Windows {
