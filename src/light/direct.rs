@@ -50,7 +50,7 @@ pub struct Direct {
 
 /// What is sampled with rays of its own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
+pub(super) enum Kind {
     /// Each sun with a size, and each light without size whose shadow has an edge here.
     Each,
     /// One of the lights and surfaces at a finite distance.
@@ -131,10 +131,9 @@ pub fn direct(
             layers.push(layer);
         }
     }
-    for _ in 0..allot::ROUNDS {
-        let estimates: Vec<(&[Estimate], bool)> =
-            layers.iter().map(|l| (l.estimates.as_slice(), l.kind == Kind::Each)).collect();
-        let wanted = allot::wanted(&context.hard.irradiance, &estimates, &neighbors, settings.samples);
+    for rounds in 0..allot::ROUNDS {
+        let estimates: Vec<(&[Estimate], Kind)> = layers.iter().map(|l| (l.estimates.as_slice(), l.kind)).collect();
+        let wanted = allot::wanted(&context.hard.irradiance, &estimates, &neighbors, settings.samples, rounds);
         if wanted.iter().all(Vec::is_empty) || progress.cancelled() {
             break;
         }
