@@ -46,10 +46,13 @@
 //!
 //! Invariants: same bits at any thread count; zero rays, zero light.
 
+mod balance;
 mod bent;
 mod openness;
+mod settle;
 
 pub use openness::{Openness, RAYS, openness};
+pub use settle::{Settled, Unsure, settle};
 
 use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, mix};
@@ -81,11 +84,14 @@ pub struct Field<'a> {
     pub left_out: Option<&'a (dyn Fn(usize) -> LeftOut<'a> + Sync)>,
     /// How it changes over each texel.
     pub tilts: &'a Tilts,
-    /// Radiance of the sky for a shading normal and a direction, as far as the gather is to add it [cd/m²].
-    pub sky: Option<&'a (dyn Fn(Vec3, Vec3) -> Rgb + Sync)>,
+    /// Light of the sky, as far as the gather is to add it.
+    pub sky: Option<Sky<'a>>,
     /// Chooses the random numbers.
     pub seed: u64,
 }
+
+/// Radiance of the sky for a shading normal and a direction [cd/m²].
+pub type Sky<'a> = &'a (dyn Fn(Vec3, Vec3) -> Rgb + Sync);
 
 /// Tells what share of the light of a patch that a ray has met is not to be read, below 1.
 pub type LeftOut<'a> = Box<dyn FnMut(&Sight) -> f32 + 'a>;

@@ -45,6 +45,11 @@ const PILOT_SHARE: u64 = 64;
 /// Least and most that is believed to come back of a bounce's power, so that no bounce is left without lines.
 const RATIOS: [f64; 2] = [0.02, 0.98];
 
+/// Bounces after which others count as late. Grey rooms are done before.
+const LATE: usize = 32;
+/// Most that light of late bounces is believed to keep from one to the next.
+const MOST_LATE: f64 = 0.9999;
+
 /// How to walk.
 #[derive(Debug, Clone, Copy)]
 pub struct Settings {
@@ -85,6 +90,8 @@ pub struct Walk {
     pub direct: Vec<Rgb>,
     /// Irradiance after at least one reflection [lx].
     pub indirect: Vec<Rgb>,
+    /// About what each patch would still have got [lx], mean of the channels; empty where that is negligible.
+    pub left: Vec<f32>,
     /// One entry per iteration, emitted lines first; the last entry has no lines and tells what is left to shoot.
     pub ledger: Vec<Bounce>,
 }
@@ -143,6 +150,7 @@ pub fn walk(
         let starts = if bounce > 0 && tilts.is_some() { Starts::At(&marks) } else { first };
         let landed = shooter.reflected(&state.unshot, starts, lines, bounce, &mut arrivals);
         parallel::update_light(&mut state.indirect, |i, sum| *sum += landed.received[i]);
+        state.remember_late(&landed);
         state.unshot.fill(Rgb::ZERO);
         state.turn(patches, &landed);
         marks = landed.marks;
@@ -163,6 +171,8 @@ struct State {
     unshot: Vec<Rgb>,
     direct: Vec<Rgb>,
     indirect: Vec<Rgb>,
+    /// Flux that late bounces brought, mean of the channels [lm].
+    late: Vec<f32>,
     ledger: Vec<Bounce>,
     spent: u64,
     all_power: f64,
@@ -173,7 +183,8 @@ struct State {
 impl State {
     fn new(patches: &Patches, unshot: Vec<Rgb>, first_ratio: f64) -> Self {
         let none = || vec![Rgb::ZERO; patches.len()];
-        Self { unshot, direct: none(), indirect: none(), ledger: vec![], spent: 0, all_power: 0.0, first_ratio }
+        let (direct, indirect) = (none(), none());
+        Self { unshot, direct, indirect, late: vec![], ledger: vec![], spent: 0, all_power: 0.0, first_ratio }
     }
 
     /// Adds what the patches reflect of `received` to what they have to shoot.
@@ -184,10 +195,18 @@ impl State {
         self.ledger.push(*bounce);
     }
 
+    /// Adds up where light of late bounces falls.
+    fn remember_late(&mut self, Landed { received, .. }: &Landed) {
+        if self.ledger.len() >= LATE {
+            self.late.resize(received.len(), 0.0);
+            parallel::update_light(&mut self.late, |i, late| *late += mean(received[i]) as f32);
+        }
+    }
+
     /// Lines for the next iteration: the share of what is left of the budget that its power has in all power to come.
     fn lines_for(&self, emitted: Option<&EmittedLines<'_>>, settings: &Settings) -> u64 {
         let left = settings.lines.saturating_sub(self.spent);
-        let to_come = parallel::sum(self.unshot.len(), |i| mean(self.unshot[i]));
+        let to_come = self.to_come();
         let ratio = self.ratio(to_come);
         if let Some(emitted) = emitted {
             if settings.bounces == Some(0) {
@@ -198,12 +217,34 @@ impl State {
             return ((left as f64 * share) as u64).clamp(1, left.max(1));
         }
         let future = to_come / (1.0 - ratio);
-        if to_come <= 0.0 || future < NEGLIGIBLE * (self.all_power + future) {
+        if self.is_negligible(future) {
             return 0;
         }
         let last = settings.bounces.is_some_and(|limit| self.ledger.len() as u32 + 1 >= limit);
         let share = if last { 1.0 } else { 1.0 - ratio };
         (left as f64 * share) as u64
+    }
+
+    /// Power that would still arrive, as a share of that of late bounces; 0 for what is negligible.
+    fn still_to_come(&self) -> f32 {
+        let late = self.ledger.get(LATE..).unwrap_or_default();
+        let [first, .., _] = late else { return 0.0 };
+        let (now, before) = (self.to_come(), Bounce::mean(first.unshot));
+        // How it fell from bounce to bounce: over many of them, chance hides that less.
+        let ratio = (now / before).powf(1.0 / late.len() as f64).clamp(RATIOS[0], MOST_LATE);
+        let future = now / (1.0 - ratio);
+        let all = late.iter().map(|bounce| Bounce::mean(bounce.unshot)).sum::<f64>();
+        if self.is_negligible(future) || all <= 0.0 { 0.0 } else { (future / all) as f32 }
+    }
+
+    /// Power of the next iteration.
+    fn to_come(&self) -> f64 {
+        parallel::sum(self.unshot.len(), |i| mean(self.unshot[i]))
+    }
+
+    /// So much power of all iterations to come is not worth another.
+    fn is_negligible(&self, future: f64) -> bool {
+        future <= 0.0 || future < NEGLIGIBLE * (self.all_power + future)
     }
 
     /// Expected ratio of the power of the next bounce to that of this one, of which so much is to come.
@@ -214,6 +255,12 @@ impl State {
     }
 
     fn finish(mut self, patches: &Patches) -> Walk {
+        let still = self.still_to_come();
+        let late = core::mem::take(&mut self.late);
+        let late = parallel::map_light(if still > 0.0 { late.len() } else { 0 }, |i| {
+            let area = patches.exposed_area(i);
+            if area > 0.0 { late[i] * still / area } else { 0.0 }
+        });
         let left = [0, 1, 2].map(|c| parallel::sum(self.unshot.len(), |i| f64::from(self.unshot[i][c])));
         self.ledger.push(Bounce { unshot: left, ..Bounce::default() });
         let per_area = |flux: &[Rgb]| {
@@ -222,7 +269,7 @@ impl State {
                 if area > 0.0 { flux[i] / area } else { Rgb::ZERO }
             })
         };
-        Walk { direct: per_area(&self.direct), indirect: per_area(&self.indirect), ledger: self.ledger }
+        Walk { direct: per_area(&self.direct), indirect: per_area(&self.indirect), left: late, ledger: self.ledger }
     }
 }
 

@@ -45,6 +45,7 @@ mod render;
 mod rewrite;
 mod rules;
 mod seams;
+mod settled;
 mod sides;
 mod solver;
 mod specks;
