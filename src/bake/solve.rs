@@ -29,7 +29,7 @@ use crate::patches::{PatchGraph, Patches, Shine, Tilts};
 use crate::settings::{DirectMode, Settings, SplatMode};
 use crate::trace::Tracer;
 use crate::walk::{self, EmittedLines, Splat, Walk};
-use core::f32::consts::FRAC_1_PI;
+use core::f32::consts::{FRAC_1_PI, PI};
 use core::ops::{Add, Mul, Sub};
 use glam::Vec2;
 use std::sync::Arc;
@@ -397,25 +397,35 @@ impl<'a> Solver<'a> {
         clock: &mut Clock<'_>,
     ) -> Result<(), Stop> {
         let Setup { tracer, patches, .. } = *setup;
-        let SentOn { radiance, tilts, unsure, .. } = sent_on;
+        let SentOn { radiance, light, tilts, unsure } = sent_on;
         if unsure.is_empty() {
             return Ok(());
         }
+        let ([a, b], walked) = (&self.sky, &self.walked[0]);
+        let straight = |half: usize, i: usize| direct[i] - (a[i] + b[i]) * 0.5 + walked[half][i];
         let settled = clock.timed("settle", |progress| {
             let radiance = [radiance[0].as_slice(), radiance[1].as_slice()];
             let field = gather::Field { tracer, patches, radiance, left_out: None, tilts, sky, seed };
             [0, 1].map(|half| {
-                let sky = |i: usize| (self.sky[0][i] + self.sky[1][i]) * 0.5;
-                let straight = |i: usize| direct[i] - sky(i) + self.walked[0][half][i];
+                let straight = |i: usize| straight(half, i);
                 let may_join = |i: usize| is_white(patches, i);
                 let unsure = gather::Unsure { patches: unsure, may_join: &may_join, straight: &straight };
                 gather::settle(&field, half, &unsure, progress)
             })
         })?;
-        for (radiance, settled) in radiance.iter_mut().zip(settled) {
+        for (radiance, settled) in radiance.iter_mut().zip(&settled) {
             settled.patches.iter().zip(&settled.radiance).for_each(|(&i, sent)| radiance[i as usize] = *sent);
             self.shadow_rays += settled.rays;
         }
+        // Where the walk's light ended steeply, slopes of it would show as dark lines: a refrigerator by `preview` had 2.3 %
+        // of stated error instead of 1.1.
+        for &i in settled.iter().flat_map(|settled| &settled.patches) {
+            let i = i as usize;
+            let sent = color::mean(radiance[0][i] + radiance[1][i]) * 0.5;
+            light[i] = sent * PI / color::mean(patches.reflectance[i]);
+        }
+        let straight = parallel::map(patches.len(), |i| color::mean(straight(0, i) + straight(1, i)) * 0.5);
+        *tilts = self.tilts(setup, light, &straight);
         Ok(())
     }
 
