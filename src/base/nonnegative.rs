@@ -153,20 +153,20 @@ fn conjugate_gradients(
     let mut r = parallel::map_light(n, |i| only_free(i, load[i] - product[i]));
     let mut z = inverse(&r);
     let mut p = parallel::map_light(n, |i| only_free(i, z[i]));
-    let mut size = dot(n, |i| r[i] * z[i]);
+    let mut size = parallel::sum_channels(n, |i| r[i] * z[i]);
     let whole = inverse(load);
-    let enough = dot(n, |i| load[i] * whole[i]) * close.powi(2);
+    let enough = parallel::sum_channels(n, |i| load[i] * whole[i]) * close.powi(2);
     for _ in 0..MOST_STEPS {
         if size.cmple(enough).all() || progress.cancelled() {
             return;
         }
         let product = matrix.times(&p);
-        let curvature = dot(n, |i| p[i] * product[i]);
+        let curvature = parallel::sum_channels(n, |i| p[i] * product[i]);
         let a = ratio(size, curvature);
         *x = parallel::map_light(n, |i| x[i] + p[i] * a);
         r = parallel::map_light(n, |i| only_free(i, r[i] - product[i] * a));
         z = inverse(&r);
-        let next = dot(n, |i| r[i] * z[i]);
+        let next = parallel::sum_channels(n, |i| r[i] * z[i]);
         let turn = ratio(next, size);
         p = parallel::map_light(n, |i| only_free(i, z[i]) + p[i] * turn);
         size = next;
@@ -174,15 +174,8 @@ fn conjugate_gradients(
 }
 
 /// a/b by channel; 0 where a channel is solved.
-fn ratio(a: DVec3, b: DVec3) -> DVec3 {
+pub(crate) fn ratio(a: DVec3, b: DVec3) -> DVec3 {
     DVec3::select(b.cmpgt(DVec3::ZERO), a / b, DVec3::ZERO)
-}
-
-/// Sum over all unknowns, by channel.
-fn dot(n: usize, f: impl Fn(usize) -> DVec3 + Sync) -> DVec3 {
-    const CHUNK: usize = 4096;
-    let sum = |range: core::ops::Range<usize>| range.fold(DVec3::ZERO, |sum, i| sum + f(i));
-    parallel::map_chunks(n, CHUNK, sum).into_iter().fold(DVec3::ZERO, |a, b| a + b)
 }
 
 #[cfg(test)]

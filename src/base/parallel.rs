@@ -4,6 +4,7 @@
 //! in order, so it has the same bits for any pool (rayon's own `sum` does not).
 
 use super::Progress;
+use glam::DVec3;
 use rayon::prelude::*;
 
 /// Fewest elements that one task of a cheap function gets.
@@ -84,6 +85,12 @@ pub fn map_watched<T: Send + Default>(n: usize, progress: &Progress, f: impl Fn(
 /// Sum of `f(i)` over 0..n in double precision; the same bits at every thread count.
 pub fn sum(n: usize, f: impl Fn(usize) -> f64 + Sync) -> f64 {
     map_chunks(n, SUM_CHUNK, |range| range.map(&f).fold(0.0, |a, b| a + b)).into_iter().fold(0.0, |a, b| a + b)
+}
+
+/// [`sum`] by channel.
+pub fn sum_channels(n: usize, f: impl Fn(usize) -> DVec3 + Sync) -> DVec3 {
+    let sum = |range: core::ops::Range<usize>| range.fold(DVec3::ZERO, |sum, i| sum + f(i));
+    map_chunks(n, SUM_CHUNK, sum).into_iter().fold(DVec3::ZERO, |a, b| a + b)
 }
 
 #[cfg(test)]

@@ -21,6 +21,7 @@
 //! finds (2,400 patches) the light differs by 12 % from seed to seed. Of patches that hang together, fewer than
 //! [`LEAST_OUT`] rays of which find out or are absorbed, keep the guess.
 
+use crate::base::nonnegative::ratio;
 use crate::base::{Groups, Progress, Rgb, Sets, parallel};
 use core::iter::Sum;
 use core::ops::{Add, Mul};
@@ -186,7 +187,7 @@ fn conjugate_gradients(
         parallel::update_light(&mut x, |i, x| *x += way[i] * steps[places.of(i)]);
         parallel::update_light(&mut rest, |i, rest| *rest -= product[i] * steps[places.of(i)]);
         let next = dots(places, &rest, &rest);
-        let turns: Vec<Rgb> = next.iter().zip(&size).map(|(next, size)| ratio(*next, *size)).collect();
+        let turns: Vec<Rgb> = next.iter().zip(&size).map(|(next, size)| ratio(*next, *size).as_vec3()).collect();
         parallel::update_light(&mut way, |i, way| *way = rest[i] + *way * turns[places.of(i)]);
         size = next;
     }
@@ -195,27 +196,17 @@ fn conjugate_gradients(
 
 /// How far to go; 0 where a channel is solved.
 fn step(size: DVec3, curvature: DVec3, enough: DVec3) -> Rgb {
-    Rgb::select(size.cmpgt(enough), ratio(size, curvature), Rgb::ZERO)
-}
-
-/// a/b by channel; 0 for 0.
-fn ratio(a: DVec3, b: DVec3) -> Rgb {
-    DVec3::select(b.cmpgt(DVec3::ZERO), a / b, DVec3::ZERO).as_vec3()
+    DVec3::select(size.cmpgt(enough), ratio(size, curvature), DVec3::ZERO).as_vec3()
 }
 
 /// Sum of products by place and channel.
 fn dots(places: &Groups, a: &[Rgb], b: &[Rgb]) -> Vec<DVec3> {
-    const CHUNK: usize = 4096;
     parallel::map(places.count(), |p| {
         let members = places.members(p);
-        let product = |&i: &u32| (a[i as usize] * b[i as usize]).as_dvec3();
-        let sum = |members: &[u32]| members.iter().map(product).fold(DVec3::ZERO, |a, b| a + b);
-        if members.len() <= CHUNK {
-            return sum(members);
-        }
-        parallel::map_chunks(members.len(), CHUNK, |range| sum(&members[range]))
-            .into_iter()
-            .fold(DVec3::ZERO, |a, b| a + b)
+        parallel::sum_channels(members.len(), |k| {
+            let i = members[k] as usize;
+            (a[i] * b[i]).as_dvec3()
+        })
     })
 }
 

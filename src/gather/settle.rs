@@ -14,7 +14,7 @@
 //!
 //! A white refrigerator with a gap at its door under an even sky (130,280 texels): nothing can be brighter than the sky,
 //! but by `preview` 2.2 % of the texels were, up to 9.9 times, with a stated error of 37 %; now 0.7 % are, by more than
-//! 0.02 and up to 1.12 times, and 1.1 % is stated, for 0.5 of 2.4 s.
+//! 0.02 and up to 1.12 times, and 1.1 % is stated, for 0.5 of 2.6 s.
 //!
 //! Tried: paths that went on from such patches until they were out: four times the time of the bake for a stated error of
 //! 6 %. Grey patches, too: squared errors of office by `preview` fell by 3.8 %, for 10 % of the time (half the rays: 2.7 and

@@ -20,7 +20,8 @@
 //! Invariants: per bounce and colour channel shot = received + escaped + culled; the same bits at any thread count,
 //! because flux is added up in fixed point.
 //!
-//! Limits: the walk ends when less than [`NEGLIGIBLE`] of all power would still come; that power is in the report.
+//! Limits: the walk ends when less than [`NEGLIGIBLE`] of all power would still come, or lines are used up; that
+//! power is in the report, and where it would fall in [`Walk::left`].
 
 mod accumulate;
 mod deposit;
@@ -231,7 +232,7 @@ impl State {
         let [first, .., _] = late else { return 0.0 };
         let (now, before) = (self.to_come(), Bounce::mean(first.unshot));
         // How it fell from bounce to bounce: over many of them, chance hides that less.
-        let ratio = (now / before).powf(1.0 / late.len() as f64).clamp(RATIOS[0], MOST_LATE);
+        let ratio = libm::pow(now / before, 1.0 / late.len() as f64).clamp(RATIOS[0], MOST_LATE);
         let future = now / (1.0 - ratio);
         let all = late.iter().map(|bounce| Bounce::mean(bounce.unshot)).sum::<f64>();
         if self.is_negligible(future) || all <= 0.0 { 0.0 } else { (future / all) as f32 }
@@ -256,20 +257,20 @@ impl State {
 
     fn finish(mut self, patches: &Patches) -> Walk {
         let still = self.still_to_come();
-        let late = core::mem::take(&mut self.late);
-        let late = parallel::map_light(if still > 0.0 { late.len() } else { 0 }, |i| {
+        let late = if still > 0.0 { self.late.len() } else { 0 };
+        let left = parallel::map_light(late, |i| {
             let area = patches.exposed_area(i);
-            if area > 0.0 { late[i] * still / area } else { 0.0 }
+            if area > 0.0 { self.late[i] * still / area } else { 0.0 }
         });
-        let left = [0, 1, 2].map(|c| parallel::sum(self.unshot.len(), |i| f64::from(self.unshot[i][c])));
-        self.ledger.push(Bounce { unshot: left, ..Bounce::default() });
+        let unshot = [0, 1, 2].map(|c| parallel::sum(self.unshot.len(), |i| f64::from(self.unshot[i][c])));
+        self.ledger.push(Bounce { unshot, ..Bounce::default() });
         let per_area = |flux: &[Rgb]| {
             parallel::map(flux.len(), |i| {
                 let area = patches.exposed_area(i);
                 if area > 0.0 { flux[i] / area } else { Rgb::ZERO }
             })
         };
-        Walk { direct: per_area(&self.direct), indirect: per_area(&self.indirect), left: late, ledger: self.ledger }
+        Walk { direct: per_area(&self.direct), indirect: per_area(&self.indirect), left, ledger: self.ledger }
     }
 }
 
