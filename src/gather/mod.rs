@@ -8,6 +8,12 @@
 //! the part of it that shadow rays leave to the gather: it comes for free, and where walls are bright, what rays find of
 //! sky and of walls balances. Starting points are spread over the exposed part of the texel.
 //!
+//! A texel that is far away is seen in the mean; of one that is near, a small part. So nearer than [`NEAR`] ρ is that of the
+//! point that is hit, by its texture. With the mean, walls of two rooms were off by 3 % above the joints of a tiled floor:
+//! 0.33 % NRMSE with 32 times the rays of `production`, against the same charts with texels of a fifth of the width, and
+//! now 0.19 % (nearer than one edge 0.22 %, than two 0.20 %; with the rays of `production` 0.65 and 0.58 %), in the
+//! same time.
+//!
 //! Directions and starting points are one Owen-scrambled low-discrepancy sequence per tile of 2¹⁶ texels, of which each
 //! texel has a range of its own, with room for the rays of every pass: the rays of a texel are well spread.
 //!
@@ -69,6 +75,8 @@ const MOST_RAYS: u32 = 1 << 16;
 const TOGETHER: usize = 128;
 /// Most rays that the second round gives a texel, as a multiple of the mean.
 const MOST_EXTRA: f32 = 8.0;
+/// Distance up to which what reflects light is looked at closely [edges of the texel that is hit].
+const NEAR: f32 = 4.0;
 /// Cosine between shading normal and triangle above which rays below the triangle are there by rounding.
 const BENT: f32 = 0.999_999;
 
@@ -131,14 +139,16 @@ impl Gathered {
     /// Traces `rays(texel)` more rays per half at every front patch.
     pub fn add(&mut self, field: &Field<'_>, rays: impl Fn(usize) -> u32 + Sync, progress: &Progress) {
         let texels = core::mem::take(&mut self.texels);
+        let near = NEAR * widest(field.patches);
         if self.bent.is_empty() {
-            self.texels = parallel::map_watched(texels.len(), progress, |i| field.texel(i, texels[i], rays(i), None));
+            self.texels =
+                parallel::map_watched(texels.len(), progress, |i| field.texel(i, texels[i], rays(i), near, None));
             return;
         }
         let bent = core::mem::take(&mut self.bent);
         let found = parallel::map_watched(texels.len(), progress, |i| {
             let mut own = bent[i];
-            (field.texel(i, texels[i], rays(i), Some(&mut own)), own)
+            (field.texel(i, texels[i], rays(i), near, Some(&mut own)), own)
         });
         (self.texels, self.bent) = found.into_iter().unzip();
     }
@@ -183,8 +193,16 @@ pub fn second_round(error: &[f32], mean: f32) -> Vec<u32> {
     parallel::map(error.len(), |i| (deviation(i) * scale).min(most).round() as u32)
 }
 
+/// Edge of the widest texel [m].
+fn widest(patches: &Patches) -> f32 {
+    let edge = |i: usize| patches.texel_edge(i);
+    let widest = parallel::map_chunks(patches.front, 1 << 12, |chunk| chunk.map(edge).fold(0.0, f32::max));
+    widest.into_iter().fold(0.0, f32::max)
+}
+
 impl Field<'_> {
-    fn texel(&self, patch: usize, before: Texel, rays: u32, mut bent: Option<&mut Bent>) -> Texel {
+    /// No hit beyond `near` is looked at closely [m].
+    fn texel(&self, patch: usize, before: Texel, rays: u32, near: f32, mut bent: Option<&mut Bent>) -> Texel {
         let mut out = before;
         if self.patches.exposed[patch] <= 0.0 || rays == 0 {
             return out;
@@ -216,7 +234,8 @@ impl Field<'_> {
             let mut hits = self.tracer.closest_hits(&mut rays).iter();
             for (half, aim) in &some {
                 let hit = aim.origin.and_then(|_| *hits.next()?);
-                let (light, elsewhere) = self.look(aim, hit, self.radiance[*half], left_out.as_mut(), &mut out.sky);
+                let radiance = self.radiance[*half];
+                let (light, elsewhere) = self.look(aim, hit, radiance, near, left_out.as_mut(), &mut out.sky);
                 out.sums[*half] += light * (1.0 - elsewhere);
                 if let Some(bent) = &mut bent {
                     bent.add(*half, aim.normal, aim.drawn, light);
@@ -232,6 +251,7 @@ impl Field<'_> {
         aim: &Aim,
         hit: Option<Hit>,
         radiance: &[Rgb],
+        near: f32,
         left_out: Option<&mut LeftOut<'_>>,
         sky: &mut Rgb,
     ) -> (Rgb, f32) {
@@ -241,7 +261,10 @@ impl Field<'_> {
         if let Some(hit) = hit {
             let Some(seen) = self.patches.seen(&hit) else { return NOTHING };
             let tint = self.tracer.tint(&Ray { t_max: hit.t, ..ray });
-            let light = radiance[seen.patch] * self.tilts.of(seen.patch).at(seen.within) * tint;
+            let mut light = radiance[seen.patch] * self.tilts.of(seen.patch).at(seen.within) * tint;
+            if hit.t < near {
+                light *= self.grain(&hit, seen.patch);
+            }
             let sight = || Sight {
                 patch: seen.patch,
                 position: ray.origin,
@@ -256,6 +279,17 @@ impl Field<'_> {
         let light = infinity.map_or(Rgb::ZERO, |sky| sky(normal, direction) * self.tracer.tint(&ray));
         *sky += light;
         (light, 0.0)
+    }
+
+    /// What reflects light where a near ray hits a patch, over what does so in its mean; 1 for others, and for what light
+    /// passes through.
+    fn grain(&self, hit: &Hit, patch: usize) -> Rgb {
+        let mean = self.patches.reflectance[patch];
+        if hit.t >= NEAR * self.patches.texel_edge(patch) || self.patches.albedo(patch) != mean {
+            return Rgb::ONE;
+        }
+        let here = self.tracer.scene().reflectance(hit.triangle, hit.b);
+        Rgb::select(mean.cmpgt(Rgb::ZERO), here / mean, Rgb::ONE)
     }
 }
 

@@ -35,6 +35,7 @@ mod layers;
 mod leaks;
 mod light;
 mod mips;
+mod near;
 mod normal_maps;
 mod output;
 mod quantized;
