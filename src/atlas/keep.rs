@@ -2,7 +2,8 @@
 //! charted anew: their layout has texels on both sides.
 //!
 //! The primitives of a node's mesh are laid out together if they share one layout and are treated alike, else one by one.
-//! The block is scaled alike in both directions so that its mean density is the wanted one, times the factor of its parts.
+//! The block gets the [`proportions`] of its page, and is scaled so that its mean density is the wanted one, times the factor
+//! of its parts.
 //! Usable means: finite, inside [0, 1]², no place covered twice, all triangles of one orientation but for [`OUTLIERS`] of
 //! the area, no visible triangle collapsed, and for all but [`OUTLIERS`] of the area a density within a factor
 //! [`MAX_STRETCH`] of the mean in every direction. With [`Uv::Auto`], charts must also not share texels at the wanted
@@ -19,6 +20,7 @@ use super::apart::Touched;
 use super::connect;
 use super::guard::Guard;
 use super::overlap;
+use super::proportions::proportions;
 use super::shape::extent;
 use super::shape::fraction_bits;
 use super::shape::shape;
@@ -193,7 +195,8 @@ fn block(scene: &Scene, parts: &[usize], settings: &Settings) -> Result<Piece, S
     if !(scale.is_finite() && scale > 0.0) {
         return Err("it has no area".to_owned());
     }
-    corners.iter_mut().flatten().for_each(|p| *p *= scale);
+    let wide = proportions(&worlds, &corners).sqrt();
+    corners.iter_mut().flatten().for_each(|p| *p *= DVec2::new(scale * wide, scale / wide));
     let outliers: f64 =
         (0..faces.len()).filter(|i| !is_even(worlds[*i], corners[*i])).map(|i| areas[i]).fold(0.0, |a, b| a + b);
     if outliers > OUTLIERS * area {

@@ -37,6 +37,7 @@ mod merge;
 mod open;
 pub(crate) mod overlap;
 mod pack;
+mod proportions;
 pub mod raster;
 mod region;
 mod shape;

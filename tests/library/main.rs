@@ -42,6 +42,7 @@ mod quantized;
 mod ray_origins;
 mod rays;
 mod rays_together;
+mod rebake;
 mod render;
 mod rewrite;
 mod rules;

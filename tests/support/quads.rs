@@ -157,7 +157,12 @@ impl Scene {
 /// Bakes a file of `fixtures`.
 pub(crate) fn bake_fixture(name: &str, options: &[&str]) -> Baked {
     let input = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name);
-    bake(tempfile::tempdir().unwrap(), &input, options)
+    bake_file(&input, options)
+}
+
+/// Bakes a file anywhere.
+pub(crate) fn bake_file(input: &Path, options: &[&str]) -> Baked {
+    bake(tempfile::tempdir().unwrap(), input, options)
 }
 
 fn bake(home: tempfile::TempDir, input: &Path, options: &[&str]) -> Baked {
