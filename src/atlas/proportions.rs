@@ -4,7 +4,7 @@
 //! a page, so on a page that is not square, as most that are made here, a step in u is another length than one in v. A
 //! layout of 292 × 124 texels that was kept as if for a square had texels of 0.185 × 0.079 m.
 //!
-//! Symbols, in this file only: P(u, v) is the surface; P_u and P_v are its derivatives [m].
+//! Symbols, in this file only: P(u, v) is the surface; ∂P/∂u and ∂P/∂v are its derivatives [m].
 
 use super::flatten::twice_area;
 use glam::{DVec2, DVec3};
@@ -14,7 +14,8 @@ const EQUAL: f64 = 0.02;
 /// Longer pages are not believed in: what was pressed together is no layout.
 const LONGEST: f64 = 16.0;
 
-/// The median of |P_u|/|P_v| over the area, if the better half of the area has it and it is that of a page; else 1. Empty layouts have 1.
+/// The median of |∂P/∂u| over |∂P/∂v| by area, if at least half of the area has it and it is that of a page; else 1, as for
+/// empty layouts.
 pub(super) fn proportions(worlds: &[[DVec3; 3]], corners: &[[DVec2; 3]]) -> f64 {
     let mut ratios: Vec<(f64, f64)> =
         worlds.iter().zip(corners).filter_map(|(world, flat)| ratio(world, flat)).collect();
@@ -31,7 +32,7 @@ pub(super) fn proportions(worlds: &[[DVec3; 3]], corners: &[[DVec2; 3]]) -> f64 
     if equal >= half && (1.0 / LONGEST..=LONGEST).contains(&median) { median } else { 1.0 }
 }
 
-/// |P_u|/|P_v| of a triangle, and its area [m²]; `None` where it has none.
+/// |∂P/∂u| over |∂P/∂v| of a triangle, and its area [m²]; `None` where it has none.
 fn ratio(world: &[DVec3; 3], flat: &[DVec2; 3]) -> Option<(f64, f64)> {
     let (e1, e2) = (world[1] - world[0], world[2] - world[0]);
     let (d1, d2) = (flat[1] - flat[0], flat[2] - flat[0]);
