@@ -64,6 +64,6 @@ fn a_wall_gets_the_light_of_what_is_at_its_foot() {
         let found = stage.mean(&light, row) as f32 / core::f32::consts::PI;
         found / by_stripe(low, low + TEXEL)
     });
-    // With the mean of the texel, half of it white, they would be 0.77 and 1.59 (the closed form of a stripe as wide as that).
+    // With the mean of the texel, half of it white, they would be 0.77 and 1.58 (the closed form of a stripe as wide as that).
     assert!(rows.iter().all(|row| (row - 1.0).abs() < 0.02), "{rows:?} of the light by height");
 }
