@@ -7,6 +7,7 @@
 //! Symbols, in this file only: P(u, v) is the surface; ∂P/∂u and ∂P/∂v are its derivatives [m].
 
 use super::flatten::twice_area;
+use crate::base::percentile::percentile;
 use glam::{DVec2, DVec3};
 
 /// Triangles whose proportions differ by less are of one page.
@@ -20,16 +21,13 @@ pub(super) fn proportions(worlds: &[[DVec3; 3]], corners: &[[DVec2; 3]]) -> f64 
     let mut ratios: Vec<(f64, f64)> =
         worlds.iter().zip(corners).filter_map(|(world, flat)| ratio(world, flat)).collect();
     ratios.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let sum = |some: &mut dyn Iterator<Item = &(f64, f64)>| some.map(|(_, area)| *area).fold(0.0, |a, b| a + b);
-    let half = 0.5 * sum(&mut ratios.iter());
-    let mut below = 0.0;
-    let median = ratios.iter().find(|(_, area)| {
-        below += area;
-        below >= half
-    });
-    let Some(&(median, _)) = median else { return 1.0 };
-    let equal = sum(&mut ratios.iter().filter(|(ratio, _)| (ratio / median).ln().abs() < EQUAL));
-    if equal >= half && (1.0 / LONGEST..=LONGEST).contains(&median) { median } else { 1.0 }
+    let Some(median) = percentile(&ratios, 0.5) else { return 1.0 };
+    let (mut all, mut equal) = (0.0, 0.0);
+    for (ratio, area) in ratios {
+        all += area;
+        equal += if (ratio / median).ln().abs() < EQUAL { area } else { 0.0 };
+    }
+    if equal >= 0.5 * all && (1.0 / LONGEST..=LONGEST).contains(&median) { median } else { 1.0 }
 }
 
 /// |∂P/∂u| over |∂P/∂v| of a triangle, and its area [m²]; `None` where it has none.

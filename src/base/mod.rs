@@ -17,6 +17,7 @@ pub mod low_discrepancy;
 pub mod memory_limit;
 pub mod nonnegative;
 pub mod parallel;
+pub(crate) mod percentile;
 pub mod plane;
 pub mod progress;
 pub mod random;

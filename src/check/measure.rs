@@ -1,6 +1,7 @@
 //! What a check reports: the measures with their limits, and where on the surface each is at its worst.
 
 use super::subject::Subject;
+use crate::base::percentile::percentile;
 use crate::patches::SurfacePoint;
 use glam::Vec3;
 
@@ -222,13 +223,7 @@ impl Tally {
     /// The value below which `share` of the weight lies; 0 without values.
     pub(super) fn percentile(&mut self, share: f64) -> f64 {
         self.values.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
-        let total = self.values.iter().fold(0.0, |sum, v| sum + f64::from(v.1));
-        let mut seen = 0.0;
-        let found = self.values.iter().find(|v| {
-            seen += f64::from(v.1);
-            seen >= share * total
-        });
-        found.or(self.values.last()).map_or(0.0, |v| f64::from(v.0))
+        percentile(&self.values, share).map_or(0.0, f64::from)
     }
 
     /// The largest value of a spot; 0 without spots.

@@ -7,6 +7,7 @@
 use super::Lightmaps;
 use crate::base::Rgb;
 use crate::base::Sets;
+use crate::base::percentile::percentile;
 use crate::base::random::mix;
 use crate::base::random::unit_f32;
 use crate::scene::Scene;
@@ -120,13 +121,7 @@ pub(crate) fn median_density(scene: &Scene, lightmaps: &Lightmaps) -> f32 {
         .filter(|(d, _)| *d > 0.0)
         .collect();
     all.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let half = all.iter().map(|(_, area)| area).fold(0.0, |a, b| a + b) * 0.5;
-    let mut seen = 0.0;
-    let middle = all.iter().find(|(_, area)| {
-        seen += area;
-        seen >= half
-    });
-    middle.map_or(1.0, |(d, _)| *d)
+    percentile(&all, 0.5).unwrap_or(1.0)
 }
 
 /// Union of vertices that triangles connect; the smallest vertex stands for its chart.

@@ -7,9 +7,7 @@ use glam::Vec3;
 use serde_json::Value;
 use serde_json::json;
 use std::path::Path;
-use texelwalk::base::Progress;
 use texelwalk::base::Rgb;
-use texelwalk::gather;
 use texelwalk::patches::Tilts;
 use texelwalk::scene::Scene;
 use texelwalk::scene::Settings;
@@ -164,21 +162,9 @@ fn every_kind_of_ray_sees_the_same_colour() {
     let stage = Stage::new(&scene, 16.0);
     let expected = Rgb::new(0.72, 0.4, 0.08) * core::f32::consts::PI;
     near(floor_mean(&stage, &stage.direct(64)), expected, 0.01);
-    let (patches, tracer) = (&stage.patches, &stage.tracer);
-    let black = vec![Rgb::ZERO; patches.len()];
+    let black = vec![Rgb::ZERO; stage.patches.len()];
     let sky = |_: Vec3, direction: Vec3| scene.light_from_infinity(direction);
-    let field = gather::Field {
-        tracer,
-        patches,
-        radiance: [black.as_slice(), black.as_slice()],
-        left_out: None,
-        tilts: &Tilts::default(),
-        sky: Some(&sky),
-        seed: 3,
-    };
-    let mut gathered = gather::Gathered::new(patches);
-    gathered.add(&field, |_| 64, &Progress::default());
-    let [a, _] = gathered.halves();
+    let [a, _] = stage.gather(&black, &Tilts::default(), Some(&sky), 64, 3);
     near(floor_mean(&stage, &a), expected, 0.01);
 }
 

@@ -12,7 +12,6 @@ use std::f32::consts::PI;
 use std::path::Path;
 use texelwalk::base::distribution::Grid;
 use texelwalk::base::{Progress, Rgb, Stream, warp};
-use texelwalk::gather;
 use texelwalk::light;
 use texelwalk::patches::Tilts;
 use texelwalk::scene::{Class, Environment, Light, Scene};
@@ -262,23 +261,13 @@ fn divided(scene: &Scene, rays: f32, told: f32) -> [f64; 3] {
     let direct = light::direct(&stage.tracer, p, &stage.emitters, &settings, &Progress::default());
     let black = vec![Rgb::ZERO; p.len()];
     let sky = |normal, toward| stage.emitters.gathered_sky(scene, normal, toward, told);
-    let field = gather::Field {
-        tracer: &stage.tracer,
-        patches: p,
-        radiance: [&black, &black],
-        left_out: None,
-        tilts: &Tilts::default(),
-        sky: Some(&sky),
-        seed: 7,
-    };
-    let mut found = gather::Gathered::new(p);
-    found.add(&field, |_| 256, &Progress::default());
+    let found = stage.gather(&black, &Tilts::default(), Some(&sky), 256, 7);
     let mean = |[a, b]: &[Vec<Rgb>; 2]| {
         let values: Vec<Rgb> = a.iter().zip(b).map(|(a, b)| (*a + *b) * 0.5).collect();
         stage.mean(&values, |_| true)
     };
     let (all, common) = (mean(&direct.halves), mean(&direct.gathered));
-    [all - common + mean(&found.halves()), all, common]
+    [all - common + mean(&found), all, common]
 }
 
 #[test]

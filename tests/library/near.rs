@@ -3,8 +3,7 @@
 use crate::solve::{Stage, square};
 use crate::support;
 use glam::{Affine2, Vec2, Vec3};
-use texelwalk::base::{Progress, Rgb};
-use texelwalk::gather;
+use texelwalk::base::Rgb;
 use texelwalk::patches::Tilts;
 use texelwalk::scene::{Scene, Texture, TextureRef, Wrap};
 
@@ -44,18 +43,7 @@ fn a_wall_gets_the_light_of_what_is_at_its_foot() {
     // As if light of π lx fell on all of the floor.
     let floor = |i: usize| if p.normal[i].y > 0.9 { p.reflectance[i] } else { Rgb::ZERO };
     let radiance: Vec<Rgb> = (0..p.len()).map(floor).collect();
-    let field = gather::Field {
-        tracer: &stage.tracer,
-        patches: p,
-        radiance: [&radiance, &radiance],
-        left_out: None,
-        tilts: &Tilts::default(),
-        sky: None,
-        seed: 3,
-    };
-    let mut gathered = gather::Gathered::new(p);
-    gathered.add(&field, |_| 2048, &Progress::default());
-    let [light, _] = gathered.halves();
+    let [light, _] = stage.gather(&radiance, &Tilts::default(), None, 2048, 3);
     let rows: [f32; 2] = [0.0, TEXEL].map(|low| {
         let row = |i: usize| {
             let (at, middle) = (p.position[i], low + 0.5 * TEXEL);

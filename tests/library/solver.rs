@@ -6,9 +6,8 @@ use crate::solve::{Stage, load, load_under_sky, square};
 use crate::support;
 use glam::Vec3;
 use texelwalk::base::random::Stage as Random;
-use texelwalk::base::{Progress, Rgb, Stream};
+use texelwalk::base::{Rgb, Stream};
 use texelwalk::finish::{Along, Ways, share};
-use texelwalk::gather;
 use texelwalk::patches::{Shine, Tilts};
 use texelwalk::scene::{Light, Material, Scene, Sky};
 use texelwalk::walk::{self, Splat, Walk};
@@ -156,18 +155,7 @@ fn furnace(name: &str, lines: u64, gather_rays: u32) -> (f64, f64) {
     share(p, Ways::new(p, &stage.graph, p.len()), [&mut indirect, &mut other], Along::default());
     let radiance: Vec<Rgb> =
         (0..p.len()).map(|i| p.reflectance[i] * (direct[i] + indirect[i]) / std::f32::consts::PI).collect();
-    let field = gather::Field {
-        tracer: &stage.tracer,
-        patches: p,
-        radiance: [&radiance, &radiance],
-        left_out: None,
-        tilts: &Tilts::default(),
-        sky: None,
-        seed: 9,
-    };
-    let mut gathered = gather::Gathered::new(p);
-    gathered.add(&field, |_| gather_rays / 2, &Progress::default());
-    let halves = gathered.halves();
+    let halves = stage.gather(&radiance, &Tilts::default(), None, gather_rays / 2, 9);
     let total: Vec<Rgb> = (0..p.front).map(|i| direct[i] + (halves[0][i] + halves[1][i]) * 0.5).collect();
     let mean = stage.mean(&total, |_| true);
     let worst = total.iter().map(|e| (f64::from(e.x) / mean - 1.0).abs()).fold(0.0, f64::max);
@@ -433,18 +421,7 @@ fn ceiling_over_shade(texels_per_meter: f32, tilted: bool) -> f64 {
     // The awning is black, so that the floor alone is seen.
     let on_floor = |i: usize| if p.position[i].y < 0.005 { 1.0 / std::f32::consts::PI } else { 0.0 };
     let radiance: Vec<Rgb> = (0..p.len()).map(|i| mean[i] * on_floor(i)).collect();
-    let field = gather::Field {
-        tracer: &stage.tracer,
-        patches: p,
-        radiance: [&radiance, &radiance],
-        left_out: None,
-        tilts: &tilts,
-        sky: None,
-        seed: 4,
-    };
-    let mut gathered = gather::Gathered::new(p);
-    gathered.add(&field, |_| 4096, &Progress::default());
-    let [found, _] = gathered.halves();
+    let [found, _] = stage.gather(&radiance, &tilts, None, 4096, 4);
     stage.mean(&found, |i| p.position[i].y > 0.5)
 }
 

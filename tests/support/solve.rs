@@ -12,8 +12,9 @@ use glam::Vec3;
 use std::path::{Path, PathBuf};
 use texelwalk::atlas::{self, Atlas};
 use texelwalk::base::{Progress, Rgb};
+use texelwalk::gather::{Field, Gathered, Sky as GatheredSky};
 use texelwalk::light::{self, Emitters, shoot};
-use texelwalk::patches::{PatchGraph, Patches};
+use texelwalk::patches::{PatchGraph, Patches, Tilts};
 use texelwalk::scene::{self, Scene, Sky};
 use texelwalk::trace::Tracer;
 use texelwalk::walk::{self, EmittedLines, Splat, Walk};
@@ -81,6 +82,22 @@ impl<'a> Stage<'a> {
         let emitted = direct.is_none().then_some(&emitted);
         let start = walk::Start { unshot: start, tilts: None, emitted };
         walk::walk(&self.tracer, p, &self.graph, start, settings, &Progress::default())
+    }
+
+    /// Irradiance by two halves of a gather with `rays` rays each, where patches send out `radiance`.
+    pub fn gather(
+        &self,
+        radiance: &[Rgb],
+        tilts: &Tilts,
+        sky: Option<GatheredSky<'_>>,
+        rays: u32,
+        seed: u64,
+    ) -> [Vec<Rgb>; 2] {
+        let (tracer, patches) = (&self.tracer, &self.patches);
+        let field = Field { tracer, patches, radiance: [radiance; 2], left_out: None, tilts, sky, seed };
+        let mut gathered = Gathered::new(patches);
+        gathered.add(&field, |_| rays, &Progress::default());
+        gathered.halves()
     }
 
     /// Area-weighted mean over the exposed parts of the front patches that `keep` accepts.
