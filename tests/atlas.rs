@@ -506,9 +506,9 @@ fn kept_charts_that_share_texels_are_charted_anew_or_united() {
     mesh.uv1.extend(other.uv1.iter().map(|p| *p + Vec2::new(0.0, 0.405)));
     mesh.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + first)));
     let scene = scene(&[mesh]);
-    let anew = build(&scene, &settings(10.0));
+    let anew = build(&scene, &settings(11.0));
     assert!(anew.warnings[0].message.contains("share texels"), "{:?}", anew.warnings);
-    let united = build(&scene, &Settings { uv: Uv::Keep, ..settings(10.0) }).output;
+    let united = build(&scene, &Settings { uv: Uv::Keep, ..settings(11.0) }).output;
     assert_eq!((united.charts.len(), united.parts[0].kept), (1, true));
 }
 

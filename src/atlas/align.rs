@@ -23,12 +23,13 @@ pub(super) struct Piece {
     pub(super) owners: Arc<[Vec<u32>]>,
     /// For each chart, its part as an index into an entry of `owners`.
     pub(super) parts: Vec<u32>,
-    /// Faces, with their charts.
+    /// Faces, with their charts, in the order of their parts.
     pub(super) faces: Vec<Face>,
     /// Flat position of each corner [m], times the density factor of the part; positive areas for charts made here.
     pub(super) corners: Vec<[DVec2; 3]>,
-    /// A kept `TEXCOORD_1`: not cut, not snapped.
-    pub(super) kept: bool,
+    /// Of a kept `TEXCOORD_1`, the sides of its page in the units of `corners`, which count from the page's first corner:
+    /// it is not cut, and keeps its place on the grid of texels. `None` for charts made here.
+    pub(super) page: Option<DVec2>,
 }
 
 impl Piece {
@@ -39,7 +40,7 @@ impl Piece {
 
     /// With lengths `scale` times as large: by density, or of a larger copy.
     pub(super) fn scaled(mut self, scale: f64) -> Self {
-        self.corners.iter_mut().flatten().for_each(|p| *p *= scale);
+        self.corners.iter_mut().flatten().chain(&mut self.page).for_each(|p| *p *= scale);
         self
     }
 
@@ -80,7 +81,7 @@ pub(super) fn piece(surface: &Surface, flat: &Flat, owners: &Arc<[Vec<u32>]>) ->
         }
     }
     let faces = flat.faces.iter().map(|f| Face { part: 0, triangle: *f, chart: 0 }).collect();
-    Piece { owners: Arc::clone(owners), parts: vec![0], faces, corners, kept: false }
+    Piece { owners: Arc::clone(owners), parts: vec![0], faces, corners, page: None }
 }
 
 /// Edges of the chart that no second face of it uses.

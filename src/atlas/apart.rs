@@ -92,7 +92,7 @@ mod tests {
             }
         }
         let parts = vec![0; squares.len()];
-        let piece = Piece { owners: [vec![0]].into(), parts, faces, corners, kept: true };
+        let piece = Piece { owners: [vec![0]].into(), parts, faces, corners, page: Some(DVec2::splat(32.0)) };
         let shape = shape(&piece, 1.0, BITS);
         let mut touched = Touched::new(&piece, &shape, BITS);
         let set = touched.sets.numbers();

@@ -17,12 +17,14 @@ use super::connect;
 use super::guard::Guard;
 use super::pack::Place;
 use super::pack::Sheet;
+use super::shape::BLOCK;
 use super::shape::Footprint;
 use super::shape::Shape;
 use super::shape::extent;
 use super::shape::fraction_bits;
 use super::shape::shape;
 use super::shape::touched;
+use super::shape::whole_side;
 use super::specks;
 use super::specks::Small;
 use crate::base::Warning;
@@ -36,8 +38,8 @@ use std::sync::Arc;
 /// Pages of an atlas without `max_pages`: 256 pages of 4096² take half a gigabyte as bits alone.
 const MOST_PAGES: u32 = 256;
 
-/// Texels along a side of a block of compressed textures.
-const BLOCK: u32 = 4;
+/// How much larger than a page that of a kept layout may be to be made as large.
+const LITTLE_MORE: f64 = 1.05;
 
 /// Smallest factor on a density at which the areas fit, before giving up.
 const LEAST_FACTOR: f64 = 1e-3;
@@ -130,14 +132,19 @@ pub(super) fn arrange(
 /// Mip levels in which no two charts meet: all that were asked for, but for kept layouts whose charts are too close.
 fn clean_levels(scene: &Scene, arranged: &Arranged, asked: u32, warnings: &mut Vec<Warning>) -> u32 {
     let mut clean = asked;
-    for block in arranged.blocks.iter().filter(|block| block.piece.kept && block.piece.parts.len() > 1) {
+    for block in arranged.blocks.iter().filter(|block| block.piece.page.is_some() && block.piece.parts.len() > 1) {
         let is_clean = |level: &u32| !block.places.iter().any(|place| meets(block, *place, *level, arranged));
         let own = (1..=asked).rev().find(is_clean).unwrap_or(0);
         if own < asked {
-            let name = &scene.parts[block.piece.owners[0][0] as usize].name;
+            let owners = &block.piece.owners[0];
+            let name = &scene.parts[owners[0] as usize].name;
+            let others = match owners.len() - 1 {
+                0 => String::new(),
+                count => format!(" and {count} other primitive(s)"),
+            };
             let message = format!(
-                "charts of the kept TEXCOORD_1 of {name} are so close to each other that mip level {next} mixes them; \
-                 leave more space between them, or use --uv generate",
+                "charts of the kept TEXCOORD_1 of {name}{others} are so close to each other that mip level {next} mixes \
+                 them; leave more space between them, or use --uv generate",
                 next = own + 1,
             );
             warnings.push(Warning::new("mips-mixed", message).at(name.clone()));
@@ -227,13 +234,16 @@ fn attempt(
     let mut lowered = Vec::new();
     let shared = specks::share(pieces, small, density);
     for (piece, _) in pieces.iter().zip(&shared.is_in).filter(|(_, is_in)| !**is_in) {
-        cut(piece, density, limit, &mut fitted, &mut lowered);
+        match piece.page {
+            Some(page) => fitted.push(lower(piece, page, density, (limit, settings.page_size.into()), &mut lowered)),
+            None => cut(piece, density, limit, &mut fitted, &mut lowered),
+        }
     }
     fitted.extend(shared.texels);
     let bits = fraction_bits(settings.page_size);
     let level = settings.mips;
     let shapes = parallel::map(fitted.len(), |i| shape(&fitted[i], density, bits));
-    let claims = parallel::map(shapes.len(), |i| claim(&shapes[i].footprint, level, settings.padding));
+    let claims = parallel::map(shapes.len(), |i| claim(&shapes[i], level, settings.padding, sheet.size[0]));
     let copies = |i: usize| repeat_n(&claims[i], fitted[i].copies());
     let each: Vec<&Claim> = (0..claims.len()).flat_map(copies).collect();
     let cells: Vec<&Footprint> = each.iter().map(|claim| &claim.cells).collect();
@@ -278,7 +288,7 @@ fn cut(piece: &Piece, density: f64, limit: f64, fitted: &mut Vec<Piece>, lowered
         let size = (high - low) * density;
         if size.max_element() <= limit {
             fitted.push(piece);
-        } else if piece.kept || piece.faces.len() == 1 || piece.corners.iter().any(|c| spans(*c, density, limit)) {
+        } else if piece.faces.len() == 1 || piece.corners.iter().any(|c| spans(*c, density, limit)) {
             // 0.999: the limit holds for sides that are rounded up to whole texels.
             let factor = 0.999 * limit / size.max_element();
             piece.corners.iter_mut().flatten().for_each(|p| *p *= factor);
@@ -288,6 +298,25 @@ fn cut(piece: &Piece, density: f64, limit: f64, fitted: &mut Vec<Piece>, lowered
             stack.extend(halves(&piece, low, high));
         }
     }
+}
+
+/// A kept layout, scaled down if it is larger than `limit` [texels]: to a page of whole blocks, one of `side` texels if that
+/// takes little more.
+fn lower(piece: &Piece, page: DVec2, density: f64, (limit, side): (f64, f64), lowered: &mut Vec<(u32, f64)>) -> Piece {
+    let (low, high) = extent(piece);
+    let sides = DVec2::from([0, 1].map(|k| whole_side(page[k] * density)));
+    let texels = ((high - low) / page * sides).max_element();
+    if texels <= limit {
+        return piece.clone();
+    }
+    let most = sides.max_element() * limit / texels;
+    let most = if (side..LITTLE_MORE * side).contains(&most) { side } else { most };
+    let blocks = (most / f64::from(BLOCK)).floor() * f64::from(BLOCK);
+    // 0.999: the limit holds for sides that are rounded up to whole texels.
+    let wanted = if blocks > 0.0 { blocks } else { 0.999 * most };
+    let factor = wanted / (page * density).max_element();
+    lowered.extend(piece.owners.iter().map(|parts| (parts[0], factor)));
+    piece.clone().scaled(factor)
 }
 
 /// The triangle alone is larger than a page.
@@ -316,7 +345,7 @@ fn halves(piece: &Piece, low: DVec2, high: DVec2) -> Vec<Piece> {
                 parts: piece.parts.clone(),
                 faces: members().map(|i| piece.faces[side[i]]).collect(),
                 corners: members().map(|i| corners[i]).collect(),
-                kept: piece.kept,
+                page: None,
             });
         }
     }
@@ -325,7 +354,7 @@ fn halves(piece: &Piece, low: DVec2, high: DVec2) -> Vec<Piece> {
 
 /// In a kept layout, makes one chart of charts that share a texel at this density.
 fn unite_sharing(mut piece: Piece, shape: &Shape, bits: u32) -> Piece {
-    if !piece.kept {
+    if piece.page.is_none() {
         return piece;
     }
     let number = Touched::new(&piece, shape, bits).sets.numbers();

@@ -8,6 +8,7 @@ use super::Atlas;
 use super::Chart;
 use super::ChartedPart;
 use super::NO_CHART;
+use super::align::Face;
 use super::arrange::Arranged;
 use super::arrange::Block;
 use super::layout::Layout;
@@ -18,7 +19,7 @@ use glam::Vec2;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// A triangle's chart among those of its part, and the positions of its corners from the chart's place [texels].
+/// A triangle's chart among those of its part, and the positions of its corners [texels], see [`Layout::uv`].
 type Corners = (u32, [Vec2; 3]);
 
 /// A block with charts of a part.
@@ -76,10 +77,30 @@ pub(super) fn assemble(scene: &Scene, arranged: &Arranged, kept: &[bool]) -> Atl
 }
 
 impl Laid<'_> {
-    /// Where each chart of the block lies [texels].
-    fn places(&self) -> impl Iterator<Item = Vec2> + use<> {
+    /// Where the block lies [texels].
+    fn place(&self) -> Vec2 {
         let place = self.block.places[self.copy];
-        core::iter::repeat_n(Vec2::new(place.x as f32, place.y as f32), self.block.piece.parts.len())
+        Vec2::new(place.x as f32, place.y as f32)
+    }
+
+    /// Whether it is a kept layout that no other parts share. Its layouts hold positions on the page: a place for each chart
+    /// of the block in each of its parts would be the square of them.
+    fn is_on_page(&self) -> bool {
+        self.block.piece.page.is_some() && self.block.places.len() == 1
+    }
+
+    /// Places of the charts of the block, unless its layouts hold them [texels].
+    fn places(&self) -> impl Iterator<Item = Vec2> + use<> {
+        let count = if self.is_on_page() { 0 } else { self.block.piece.parts.len() };
+        core::iter::repeat_n(self.place(), count)
+    }
+
+    /// Its faces of the part, with their corners; in the order of parts, they are a range.
+    fn faces(&self) -> impl Iterator<Item = (&Face, &[[i32; 2]; 3])> {
+        let (faces, grid) = (&self.block.piece.faces, &self.block.shape.grid);
+        let until = |member: u32| faces.partition_point(|face| face.part < member);
+        let range = until(self.member)..until(self.member + 1);
+        faces[range.clone()].iter().zip(&grid[range])
     }
 }
 
@@ -124,12 +145,13 @@ fn placed(triangles: usize, laid: &[Laid<'_>], bits: u32) -> Vec<Option<Corners>
     let step = 1.0 / (1u32 << bits) as f32;
     let mut placed = vec![None; triangles];
     let mut first = 0;
-    for &Laid { block, member, .. } in laid {
-        for (face, grid) in block.piece.faces.iter().zip(&block.shape.grid).filter(|(face, _)| face.part == member) {
-            let uv = grid.map(|p| Vec2::new(p[0] as f32, p[1] as f32) * step);
+    for laid in laid {
+        let place = if laid.is_on_page() { laid.place() } else { Vec2::ZERO };
+        for (face, grid) in laid.faces() {
+            let uv = grid.map(|p| Vec2::new(p[0] as f32, p[1] as f32) * step + place);
             placed[face.triangle as usize] = Some((first + face.chart, uv));
         }
-        first += block.piece.parts.len() as u32;
+        first += laid.block.piece.parts.len() as u32;
     }
     placed
 }

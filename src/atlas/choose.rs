@@ -1,7 +1,8 @@
 //! Chooses the size of the pages: packs at several widths, and takes the smallest page.
 //!
 //! In: what charts claim, in cells of the sheet. Out: [`Choice`]. One page is made as small as it can be; several pages
-//! have the largest width, and a height that fills the last one too. Sides are multiples of `multiple` cells.
+//! have the largest width, a height that fills the last one too, and the order of the charts. Sides are multiples of
+//! `multiple` cells.
 //!
 //! A trial may only use what would make a smaller page than the best so far, so most trials that lead nowhere end early.
 //! How many there are depends on the charts alone, never on time: the same charts, the same pages.
@@ -51,7 +52,23 @@ pub(super) fn choose(
     let round = Round { multiple, side: sheet.size[0] };
     match one(footprints, sheet, round, guard)? {
         Some(choice) => Ok(Some(choice)),
-        None => several(footprints, sheet, round, guard),
+        None => Ok(several(footprints, sheet, round, guard)?.map(Choice::in_order)),
+    }
+}
+
+impl Choice {
+    /// With pages in the order of the first footprints on them, whichever were packed first: pages that are packed again keep
+    /// their numbers.
+    fn in_order(mut self) -> Self {
+        let mut number = vec![None; self.pages as usize];
+        let mut next = 0;
+        for place in &mut self.places {
+            place.page = *number[place.page as usize].get_or_insert_with(|| {
+                next += 1;
+                next - 1
+            });
+        }
+        self
     }
 }
 
@@ -114,8 +131,9 @@ fn several(footprints: &[&Footprint], sheet: Sheet, round: Round, guard: &Guard)
     };
     let pages = places.iter().map(|place| place.page + 1).max().unwrap_or(0);
     let side = round.side;
+    let size = used(footprints, &places, sheet, round);
     if pages == 1 {
-        return Ok(Some(Choice { size: used(footprints, &places, sheet, round), pages: 1, places }));
+        return Ok(Some(Choice { size, pages: 1, places }));
     }
     let last = footprints.iter().zip(&places).filter(|(_, place)| place.page + 1 == pages);
     let last_height = last.map(|(f, place)| place.y + f.height + sheet.margin).max().unwrap_or(side);
@@ -123,14 +141,14 @@ fn several(footprints: &[&Footprint], sheet: Sheet, round: Round, guard: &Guard)
     let level = f64::from(side * (pages - 1) + last_height) / f64::from(pages);
     for slack in [1.01, 1.04] {
         let height = round.up(((level * slack) as u32).max(tallest));
-        if height < side {
+        if height < size[1] {
             let lower = Sheet { size: [side, height], pages, ..sheet };
             if let Some(places) = pack(footprints, lower, guard)? {
                 return Ok(Some(Choice { size: lower.size, pages, places }));
             }
         }
     }
-    Ok(Some(Choice { size: [side, side], pages, places }))
+    Ok(Some(Choice { size: [side, size[1]], pages, places }))
 }
 
 fn area(size: [u32; 2]) -> u64 {

@@ -5,12 +5,14 @@
 //! the padding apart, since each claim reaches half of it beyond its chart.
 //!
 //! A chart can start at any texel of a cell. Of the places that need the fewest columns and rows of cells the one with
-//! the fewest cells is taken, the first of those that are as good; this depends on the chart alone. In level 0 a cell
-//! is a texel, the claim is the footprint, and the packer adds the padding.
+//! the fewest cells is taken, the first of those that are as good; this depends on the chart alone. A kept layout starts
+//! at the texel of a cell where it does on its own page. In level 0 a cell is a texel, the claim is the footprint, and the
+//! packer adds the padding.
 
 use super::cells;
 use super::shape::BitMap;
 use super::shape::Footprint;
+use super::shape::Shape;
 
 /// Offsets that are tried per axis, where a footprint is no rectangle.
 const OFFSETS: usize = 4;
@@ -27,8 +29,22 @@ pub(super) struct Claim {
     pub(super) offset: [u32; 2],
 }
 
-/// The claim of a footprint.
-pub(super) fn claim(footprint: &Footprint, level: u32, padding: u32) -> Claim {
+/// The claim of a shape; `most` is the number of cells along a page.
+pub(super) fn claim(shape: &Shape, level: u32, padding: u32, most: u32) -> Claim {
+    let kept = shape.first.map(|first| claim_on_page(&shape.footprint, level, padding, first).0);
+    let fits = |claim: &Claim| claim.cells.width.max(claim.cells.height) <= most;
+    kept.filter(|claim| level > 0 && fits(claim)).unwrap_or_else(|| free_claim(&shape.footprint, level, padding))
+}
+
+/// The claim of a footprint whose first texel has a place on a page, and the place of the first cell.
+pub(super) fn claim_on_page(footprint: &Footprint, level: u32, padding: u32, first: [i32; 2]) -> (Claim, [i32; 2]) {
+    let claim = claim_at(footprint, level, reach(level, padding), first.map(|x| x & ((1 << level) - 1)));
+    let cell = [0, 1].map(|k: usize| (first[k] - claim.offset[k] as i32) >> level);
+    (claim, cell)
+}
+
+/// The claim of a footprint that may start anywhere.
+fn free_claim(footprint: &Footprint, level: u32, padding: u32) -> Claim {
     if level == 0 {
         return Claim { cells: footprint.clone(), offset: [0, 0] };
     }
@@ -94,11 +110,11 @@ mod tests {
     #[test]
     fn a_side_that_fits_between_the_middles_of_cells_takes_one_cell_more() {
         for (length, cells) in [(1, 2), (4, 2), (5, 3), (8, 3), (9, 4)] {
-            let claim = claim(&solid(length, 1), 2, 0);
+            let claim = free_claim(&solid(length, 1), 2, 0);
             assert_eq!([claim.cells.width, claim.cells.height], [cells, 2], "{length} texels");
         }
-        assert_eq!(claim(&solid(8, 8), 1, 0).cells.texels, 25);
-        assert_eq!(claim(&solid(4, 4), 3, 0).cells.texels, 4);
+        assert_eq!(free_claim(&solid(8, 8), 1, 0).cells.texels, 25);
+        assert_eq!(free_claim(&solid(4, 4), 3, 0).cells.texels, 4);
     }
 
     #[test]
@@ -108,7 +124,7 @@ mod tests {
         let diagonal = Footprint::of(&map, 13, 9);
         for footprint in [&diagonal, &solid(7, 3), &solid(1, 1)] {
             for (level, padding) in [(1, 0), (1, 7), (2, 2), (3, 4), (2, 24), (4, 3)] {
-                let claim = claim(footprint, level, padding);
+                let claim = free_claim(footprint, level, padding);
                 let has = |x: i32, y: i32| {
                     let row = claim.cells.row((y >> level) as u32);
                     row.iter().any(|(from, to)| (*from..*to).contains(&((x >> level) as u32)))

@@ -1,9 +1,10 @@
-//! Keeps a `TEXCOORD_1` that is a usable lightmap layout, as one rigid block per node. Parts that were cut at contacts are
-//! charted anew: their layout has texels on both sides.
+//! Keeps a `TEXCOORD_1` that is a usable lightmap layout, as one rigid block per node, or per page of a scene that was laid
+//! out as a whole (`beside`). Parts that were cut at contacts are charted anew: their layout has texels on both sides.
 //!
-//! The primitives of a node's mesh are laid out together if they share one layout and are treated alike, else one by one.
-//! The block gets the [`proportions`] of its page, and is scaled so that its mean density is the wanted one, times the factor
-//! of its parts.
+//! The primitives of a node's mesh are laid out together if they share one layout and are treated alike, else one by one;
+//! those whose materials name another lightmap have another layout.
+//! The block gets the [`page`] that it was made for, of a size at which its density is the wanted one, times the factor of its
+//! parts.
 //! Usable means: finite, inside [0, 1]², no place covered twice, all triangles of one orientation but for [`OUTLIERS`] of
 //! the area, no visible triangle collapsed, and for all but [`OUTLIERS`] of the area a density within a factor
 //! [`MAX_STRETCH`] of the mean in every direction. With [`Uv::Auto`], charts must also not share texels at the wanted
@@ -17,13 +18,14 @@ use super::Uv;
 use super::align::Face;
 use super::align::Piece;
 use super::apart::Touched;
+use super::beside;
 use super::connect;
 use super::guard::Guard;
 use super::overlap;
-use super::proportions::proportions;
 use super::shape::extent;
 use super::shape::fraction_bits;
 use super::shape::shape;
+use super::sides::page;
 use super::specks::Speck;
 use super::specks::belong_together;
 use crate::base::Warning;
@@ -52,7 +54,7 @@ type Owners = Vec<Vec<u32>>;
 /// What can be kept.
 #[derive(Debug)]
 pub(super) struct Kept {
-    /// Blocks, by the sets of nodes that they are of.
+    /// Blocks, by the sets of nodes that they are of, or of one page.
     pub(super) pieces: Vec<Piece>,
     /// For each part of the scene, whether it is in a block.
     pub(super) part_is_kept: Vec<bool>,
@@ -76,13 +78,8 @@ pub(super) fn kept_blocks(
         part.receives && part.has_uv1 && !part.triangles.is_empty() && !scene.is_cut(*p)
     };
     let candidates: Vec<usize> = (0..scene.parts.len()).filter(candidate).collect();
-    let groups: Vec<&[usize]> = candidates
-        .chunk_by(|a, b| {
-            let (a, b) = (&scene.parts[*a], &scene.parts[*b]);
-            let together = a.treatment.density == b.treatment.density && a.treatment.casts == b.treatment.casts;
-            (a.node, a.mesh) == (b.node, b.mesh) && together
-        })
-        .collect();
+    let groups = groups(scene, &candidates);
+    let groups: Vec<&[usize]> = groups.iter().map(Vec::as_slice).collect();
     let equal = equal(&groups, &equal_parts.first);
     let results = parallel::map(equal.len(), |g| {
         guard.check()?;
@@ -105,11 +102,32 @@ pub(super) fn kept_blocks(
             kept.add(scene, owners, piece, settings)?;
         }
     }
+    kept.join_pages(scene, settings, guard)?;
     kept.warnings.sort_by_key(|(part, _)| *part);
     Ok(kept)
 }
 
 impl Kept {
+    /// Makes one block of blocks that lie side by side on one page, if that is a usable layout.
+    fn join_pages(&mut self, scene: &Scene, settings: &Settings, guard: &Guard) -> Result<(), Error> {
+        let mut gone = vec![false; self.pieces.len()];
+        let mut joined = Vec::new();
+        let lightmap = |piece: &Piece| lightmap(scene, piece.owners[0][0] as usize);
+        for set in beside::sets(&self.pieces, lightmap, settings, guard)? {
+            let parts = |i: &usize| self.pieces[*i].owners[0].iter().map(|p| *p as usize);
+            let mut all: Vec<usize> = set.iter().flat_map(parts).collect();
+            all.sort_unstable();
+            if let Ok(piece) = block(scene, &all, settings) {
+                joined.push(piece);
+                set.iter().for_each(|i| gone[*i] = true);
+            }
+        }
+        let mut gone = gone.into_iter();
+        self.pieces.retain(|_| !gone.next().unwrap_or(false));
+        self.pieces.extend(joined);
+        Ok(())
+    }
+
     /// A layout that is one block for each of `owners`, or what is wrong with it.
     fn add(
         &mut self,
@@ -140,6 +158,33 @@ impl Kept {
     }
 }
 
+/// Parts of a node that are treated alike and whose lightmap, if they have one, is the same.
+fn groups(scene: &Scene, candidates: &[usize]) -> Vec<Vec<usize>> {
+    let of_node = |a: &usize, b: &usize| {
+        let (a, b) = (&scene.parts[*a], &scene.parts[*b]);
+        (a.node, a.mesh) == (b.node, b.mesh)
+    };
+    let mut groups = Vec::new();
+    for node in candidates.chunk_by(of_node) {
+        let mut alike: BTreeMap<_, Vec<usize>> = BTreeMap::new();
+        for p in node {
+            let treatment = &scene.parts[*p].treatment;
+            let key = (treatment.density.to_bits(), treatment.casts, lightmap(scene, *p));
+            alike.entry(key).or_default().push(*p);
+        }
+        let mut alike: Vec<Vec<usize>> = alike.into_values().collect();
+        alike.sort_unstable_by_key(|group| group[0]);
+        groups.extend(alike);
+    }
+    groups
+}
+
+/// The texture that the material of a part says is read by `TEXCOORD_1` for its lightmap.
+fn lightmap(scene: &Scene, part: usize) -> Option<usize> {
+    let material = &scene.materials[scene.parts[part].material];
+    material.lightmap_texture.filter(|_| material.lightmap_uv_set == Some(1))
+}
+
 /// Groups whose parts are equal one by one, each set in the order of `groups`, sets by their first.
 fn equal(groups: &[&[usize]], first_equal: &[u32]) -> Vec<Vec<usize>> {
     let mut sets: BTreeMap<Vec<u32>, Vec<usize>> = BTreeMap::new();
@@ -162,12 +207,12 @@ pub(super) fn layouts(scene: &Scene, settings: &Settings) -> Vec<Option<String>>
     })
 }
 
-/// The layout of some parts as a block, or what is wrong with it.
+/// The layout of some parts as a block, or what is wrong with it. Lengths are times the density factor of each part.
 fn block(scene: &Scene, parts: &[usize], settings: &Settings) -> Result<Piece, String> {
     let (mut faces, mut corners, mut areas, mut worlds) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for (member, p) in (0..).zip(parts) {
         let part = &scene.parts[*p];
-        let first = part.vertices.start;
+        let (first, factor) = (part.vertices.start, f64::from(part.treatment.density));
         for (t, triangle) in scene.part_triangles(part).enumerate() {
             let [Some(a), Some(b), Some(c)] = triangle.map(|v| scene.vertex_uv(1, first + v)) else {
                 return Err("the set is missing".to_owned());
@@ -179,7 +224,7 @@ fn block(scene: &Scene, parts: &[usize], settings: &Settings) -> Result<Piece, S
             if !uv.iter().all(|p| p.min_element() >= -BORDER && p.max_element() <= 1.0 + BORDER) {
                 return Err(format!("triangle {t} leaves the range from 0 to 1"));
             }
-            let world = triangle.map(|v| scene.vertex_position(first + v).as_dvec3());
+            let world = triangle.map(|v| scene.vertex_position(first + v).as_dvec3() * factor);
             let area = 0.5 * (world[1] - world[0]).cross(world[2] - world[0]).length();
             if area > 0.0 {
                 faces.push(Face { part: member, triangle: t as u32, chart: 0 });
@@ -190,13 +235,10 @@ fn block(scene: &Scene, parts: &[usize], settings: &Settings) -> Result<Piece, S
         }
     }
     let area: f64 = areas.iter().sum();
-    let flat: f64 = corners.iter().map(|c| 0.5 * super::flatten::twice_area(*c).abs()).sum();
-    let scale = (area / flat).sqrt();
-    if !(scale.is_finite() && scale > 0.0) {
+    let Some(page) = page(&worlds, &corners) else {
         return Err("it has no area".to_owned());
-    }
-    let wide = proportions(&worlds, &corners).sqrt();
-    corners.iter_mut().flatten().for_each(|p| *p *= DVec2::new(scale * wide, scale / wide));
+    };
+    corners.iter_mut().flatten().for_each(|p| *p *= page);
     let outliers: f64 =
         (0..faces.len()).filter(|i| !is_even(worlds[*i], corners[*i])).map(|i| areas[i]).fold(0.0, |a, b| a + b);
     if outliers > OUTLIERS * area {
@@ -217,11 +259,10 @@ fn block(scene: &Scene, parts: &[usize], settings: &Settings) -> Result<Piece, S
             chart_parts.push(face.part);
         }
     }
-    let density = scene.parts[parts[0]].treatment.density;
     let owners = [parts.iter().map(|p| *p as u32).collect()].into();
-    let piece = Piece { owners, parts: chart_parts, faces, corners, kept: true }.scaled(f64::from(density));
+    let piece = Piece { owners, parts: chart_parts, faces, corners, page: Some(page) };
     if settings.uv == Uv::Auto {
-        check_texels(&piece, &worlds, f64::from(density), settings)?;
+        check_texels(&piece, &worlds, settings)?;
     }
     Ok(piece)
 }
@@ -234,16 +275,15 @@ fn is_mirrored_in_part(corners: &[[DVec2; 3]]) -> bool {
     right.min(all - right) > OUTLIERS * all
 }
 
-/// Charts must be apart at the wanted density (or at that of a whole page, if that is less), or belong together; `factor`
-/// is that of the parts.
-fn check_texels(piece: &Piece, worlds: &[[DVec3; 3]], factor: f64, settings: &Settings) -> Result<(), String> {
+/// Charts must be apart at the wanted density (or at that of a whole page, if that is less), or belong together.
+fn check_texels(piece: &Piece, worlds: &[[DVec3; 3]], settings: &Settings) -> Result<(), String> {
     let (low, high) = extent(piece);
     let density = f64::from(settings.texels_per_meter).min(f64::from(settings.page_size) / (high - low).max_element());
     let bits = fraction_bits(settings.page_size);
     let shape = shape(piece, density, bits);
     let mut touched = Touched::new(piece, &shape, bits);
     let sets = touched.sets.numbers();
-    check_shared(piece, &sets, worlds, density, factor)?;
+    check_shared(piece, &sets, worlds, density)?;
     if settings.padding == 0 {
         return Ok(());
     }
@@ -266,7 +306,7 @@ fn check_mixed(piece: &Piece, mixed: &[bool], density: f64) -> Result<(), String
 }
 
 /// Charts of one of these sets, which share texels, must belong together.
-fn check_shared(piece: &Piece, sets: &[u32], worlds: &[[DVec3; 3]], density: f64, factor: f64) -> Result<(), String> {
+fn check_shared(piece: &Piece, sets: &[u32], worlds: &[[DVec3; 3]], density: f64) -> Result<(), String> {
     let apart = sets.iter().map(|n| n + 1).max().unwrap_or(0) as usize;
     if apart == piece.parts.len() {
         return Ok(());
@@ -275,8 +315,7 @@ fn check_shared(piece: &Piece, sets: &[u32], worlds: &[[DVec3; 3]], density: f64
     piece.faces.iter().zip(worlds).for_each(|(face, world)| specks[face.chart as usize].add(*world));
     let mut members = vec![vec![]; apart];
     sets.iter().zip(specks).for_each(|(set, speck)| members[*set as usize].push(speck));
-    let edge = 1.0 / (density * factor);
-    let wrong = members.iter().filter(|set| set.len() > 1 && !belong_together(set, edge));
+    let wrong = members.iter().filter(|set| set.len() > 1 && !belong_together(set, 1.0 / density));
     match wrong.map(|set| set.len() - 1).sum::<usize>() {
         0 => Ok(()),
         sharing => Err(format!("{sharing} of its charts share texels with others at {density:.3} texels/m")),

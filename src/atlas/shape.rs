@@ -5,13 +5,21 @@
 //! grid step.
 //!
 //! Sides within [`SNAP`] of a whole number of texels are stretched to it, so that a wall of 3 m at 10 texels/m covers
-//! 30 texels and not 31; other pieces are centred on the texels they need.
+//! 30 texels and not 31; other pieces are centred on the texels they need. Of kept layouts the page is stretched instead,
+//! to whole blocks of texels, and what lies on it keeps its place on the grid: what was made for it stays on whole texels,
+//! and as far apart.
 
 use super::align::Piece;
 use glam::DVec2;
 
 /// Largest change of a side for the sake of whole texels, as a fraction. Twice this stays below 0.1 % of area.
 const SNAP: f64 = 3e-4;
+
+/// Texels along a side of a block of compressed textures.
+pub(super) const BLOCK: u32 = 4;
+
+/// Largest change of a side of a page for the sake of whole blocks, or whole texels, as a fraction.
+const PAGE_SNAP: f64 = 0.01;
 
 /// A piece at its density.
 #[derive(Debug, Clone)]
@@ -20,6 +28,8 @@ pub(super) struct Shape {
     pub(super) grid: Vec<[[i32; 2]; 3]>,
     /// Texels touched.
     pub(super) footprint: Footprint,
+    /// Of kept layouts, the place of the first texel on their own page.
+    pub(super) first: Option<[i32; 2]>,
 }
 
 /// Touched texels of a shape as runs per row.
@@ -79,24 +89,59 @@ pub(super) fn extent(piece: &Piece) -> (DVec2, DVec2) {
 /// Scales a piece to `density` [texels/m] and rasterises it.
 pub(super) fn shape(piece: &Piece, density: f64, bits: u32) -> Shape {
     let (low, high) = extent(piece);
-    let size = (high - low) * density;
-    let axis = |size: f64| {
+    let steps = f64::from(1u32 << bits);
+    let axes = [0, 1].map(|k| match piece.page {
+        Some(page) => Axis::of_page(page[k], [low[k], high[k]], density, steps),
+        None => Axis::of_chart(high[k] - low[k], low[k], density),
+    });
+    let round = |p: f64, axis: &Axis| {
+        let step = (((p - axis.low) * axis.factor + axis.margin) * steps).round();
+        step.clamp(0.0, f64::from(axis.texels) * steps) as i32
+    };
+    let [x, y] = &axes;
+    let grid: Vec<[[i32; 2]; 3]> = piece.corners.iter().map(|c| c.map(|p| [round(p.x, x), round(p.y, y)])).collect();
+    let footprint = Footprint::new(x.texels, y.texels, &grid, bits);
+    let first = piece.page.map(|_| [x, y].map(|axis| -axis.margin as i32));
+    Shape { grid, footprint, first }
+}
+
+/// How positions along an axis become texels.
+struct Axis {
+    /// Position [m] that lies at `margin`.
+    low: f64,
+    /// Texels per metre.
+    factor: f64,
+    /// Place of `low` [texels].
+    margin: f64,
+    /// Length [texels].
+    texels: u32,
+}
+
+impl Axis {
+    fn of_chart(length: f64, low: f64, density: f64) -> Self {
+        let size = length * density;
         let whole = size.round();
-        let snaps = !piece.kept && whole >= 1.0 && (size - whole).abs() <= SNAP * whole;
+        let snaps = whole >= 1.0 && (size - whole).abs() <= SNAP * whole;
         let (factor, size) = if snaps { (whole / size, whole) } else { (1.0, size) };
         let texels = size.ceil().max(1.0);
-        (factor * density, 0.5 * (texels - size), texels as u32)
-    };
-    let (x, y) = (axis(size.x), axis(size.y));
-    let steps = f64::from(1u32 << bits);
-    let round = |p: f64, low: f64, (factor, margin, texels): (f64, f64, u32)| {
-        let step = (((p - low) * factor + margin) * steps).round();
-        step.clamp(0.0, f64::from(texels) * steps) as i32
-    };
-    let grid: Vec<[[i32; 2]; 3]> =
-        piece.corners.iter().map(|c| c.map(|p| [round(p.x, low.x, x), round(p.y, low.y, y)])).collect();
-    let footprint = Footprint::new(x.2, y.2, &grid, bits);
-    Shape { grid, footprint }
+        Self { low, factor: factor * density, margin: 0.5 * (texels - size), texels: texels as u32 }
+    }
+
+    /// Of what lies between `low` and `high` on a page with a side of this length. Places are rounded to the grid before
+    /// they are to whole texels: 2 texels of 276 become 2.00002 by way of a coordinate in `f32`.
+    fn of_page(side: f64, [low, high]: [f64; 2], density: f64, steps: f64) -> Self {
+        let factor = whole_side(side * density) / side;
+        let on_grid = |p: f64| (p * factor * steps).round() / steps;
+        let (first, end) = (on_grid(low).floor(), on_grid(high).ceil());
+        Self { low: 0.0, factor, margin: -first, texels: (end - first).max(1.0) as u32 }
+    }
+}
+
+/// The side of a page [texels] in whole blocks of [`BLOCK`] texels if that changes it little, else in whole texels, else as
+/// it is.
+pub(super) fn whole_side(side: f64) -> f64 {
+    let near = |step: f64| Some((side / step).round() * step).filter(|w| (w - side).abs() <= PAGE_SNAP * side);
+    near(f64::from(BLOCK)).or_else(|| near(1.0)).unwrap_or(side)
 }
 
 /// Calls `visit(row, from, to)` for the touched texels of each row of a triangle.
@@ -170,6 +215,11 @@ impl BitMap {
             row[first + 1..last].fill(!0);
             row[last] |= tail;
         }
+    }
+
+    /// Whether any of the bits [from, to) of a row is set.
+    pub(super) fn any(&self, y: u32, from: u32, to: u32) -> bool {
+        next(self.row(y), from, to, 0).is_some()
     }
 
     /// Runs [from, to) of set bits of a row.
@@ -278,5 +328,9 @@ mod tests {
         assert_eq!(map.runs(1), [(10, 70), (128, 200)]);
         assert_eq!(map.longest_gap(1), 58);
         assert_eq!((map.longest_gap(0), map.runs(0).len()), (200, 0));
+        assert_eq!(
+            [(0, 10), (0, 11), (69, 90), (70, 128), (199, 200)].map(|(a, b)| map.any(1, a, b)),
+            [false, true, true, false, true]
+        );
     }
 }

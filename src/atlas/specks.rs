@@ -118,7 +118,7 @@ pub(super) fn small(tracer: &Tracer<'_>, pieces: &[Piece], density: f64) -> Vec<
     let scene = tracer.scene();
     parallel::map(pieces.len(), |i| {
         let piece = &pieces[i];
-        (!piece.kept && fits(size(piece, density))).then(|| {
+        (piece.page.is_none() && fits(size(piece, density))).then(|| {
             let factor = f64::from(scene.parts[piece.owners[0][0] as usize].treatment.density);
             let openness = openness(tracer, piece, (SURROUNDINGS / (density * factor)) as f32);
             Small { speck: Speck::of(scene, piece), factor, openness }

@@ -64,6 +64,8 @@ pub struct Material {
     pub unlit: bool,
     /// Index into `Vertices::uv` that `MOZ_lightmap` reads.
     pub lightmap_uv_set: Option<usize>,
+    /// Index of the texture that it reads: one for each page.
+    pub lightmap_texture: Option<usize>,
 }
 
 /// A normal map.
@@ -292,6 +294,7 @@ fn convert(entry: &MaterialEntry, name: String, root: &Root, warnings: &mut Vec<
         double_sided: entry.double_sided,
         unlit,
         lightmap_uv_set: entry.extensions.lightmap.as_ref().map(|l| l.tex_coord).filter(|&set| set < MAX_UV_SETS),
+        lightmap_texture: entry.extensions.lightmap.as_ref().and_then(|l| l.index),
     })
 }
 

@@ -309,6 +309,7 @@ fn material() -> Material {
         double_sided: false,
         unlit: false,
         lightmap_uv_set: None,
+        lightmap_texture: None,
         normal_map: None,
     }
 }

@@ -27,6 +27,7 @@ pub fn white() -> Material {
         double_sided: false,
         unlit: false,
         lightmap_uv_set: None,
+        lightmap_texture: None,
         normal_map: None,
     }
 }
