@@ -31,8 +31,8 @@ use std::collections::BTreeMap;
 /// Largest logarithm of the density of a block over that of its page, per length.
 const EQUAL: f64 = 0.05;
 
-/// Pages of one density.
-const PAGES: usize = 64;
+/// Pages of one density: as bits, those of 16,384² texels take 32 MiB each.
+const PAGES: usize = 16;
 
 /// Densities.
 const SIZES: usize = 8;

@@ -217,9 +217,9 @@ impl BitMap {
         }
     }
 
-    /// Whether any of the bits [from, to) of a row is set.
+    /// Whether any of the bits [from, to) of a row is set, as far as it lies on the map.
     pub(super) fn any(&self, y: u32, from: u32, to: u32) -> bool {
-        next(self.row(y), from, to, 0).is_some()
+        y as usize * self.stride < self.words.len() && next(self.row(y), from, to, 0).is_some()
     }
 
     /// Runs [from, to) of set bits of a row.
