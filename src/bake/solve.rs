@@ -19,7 +19,7 @@
 use super::clock::{Clock, Stop};
 use super::power;
 use crate::base::random::mix;
-use crate::base::{LightVector, Progress, Rgb, color, parallel};
+use crate::base::{LightVector, Progress, Rgb, Stream, color, parallel};
 use crate::finish::{self, Along, Errors, Network, Ways};
 use crate::gather::{self, Gathered, Openness};
 use crate::light::glare::{Glare, Glared, Sent};
@@ -31,6 +31,7 @@ use crate::trace::Tracer;
 use crate::walk::{self, EmittedLines, Splat, Walk};
 use core::f32::consts::{FRAC_1_PI, PI};
 use core::ops::{Add, Mul, Sub};
+use core::sync::atomic::AtomicU64;
 use glam::Vec2;
 use std::sync::Arc;
 
@@ -301,8 +302,18 @@ impl<'a> Solver<'a> {
             let viewers = glare.viewers(&sent, emitters, GLARE_RAYS as f32);
             let left_out = |front| viewers.left_out(front);
             let left_out: Option<&(dyn Fn(usize) -> _ + Sync)> = if glare.is_empty() { None } else { Some(&left_out) };
-            let field = gather::Field { tracer, patches, radiance, left_out, tilts: &tilts, sky, seed };
+            let probe = light::Probe::new(tracer, patches, emitters);
+            let look = |patch, point, random: &mut Stream| {
+                let light::Probed { direct, onward, normal, rays } = probe.at(patch, point, random);
+                gather::Looked { direct, onward, normal, rays }
+            };
+            let anew = gather::Anew { look: &look, glared: &self.glared.halves(), rays: AtomicU64::new(0) };
+            // A ray more is a bounce more. What lines of the lights brought is no light that a look at them finds.
+            let is_known = settings.bounces.is_some() || settings.direct == DirectMode::Shoot;
+            let looks = (!is_known).then_some(&anew);
+            let field = gather::Field { tracer, patches, radiance, left_out, tilts: &tilts, sky, anew: looks, seed };
             clock.timed("gather", |progress| self.gather(setup, budget, &field, progress))?;
+            self.shadow_rays += anew.rays.into_inner();
             self.glare = Some(glare);
         }
         Ok(())
@@ -405,7 +416,7 @@ impl<'a> Solver<'a> {
         let straight = |half: usize, i: usize| direct[i] - (a[i] + b[i]) * 0.5 + walked[half][i];
         let settled = clock.timed("settle", |progress| {
             let radiance = [radiance[0].as_slice(), radiance[1].as_slice()];
-            let field = gather::Field { tracer, patches, radiance, left_out: None, tilts, sky, seed };
+            let field = gather::Field { tracer, patches, radiance, left_out: None, tilts, sky, anew: None, seed };
             [0, 1].map(|half| {
                 let straight = |i: usize| straight(half, i);
                 let may_join = |i: usize| is_white(patches, i);

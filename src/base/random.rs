@@ -26,6 +26,8 @@ pub enum Stage {
     Openness = 7,
     /// Ways out of narrow places.
     Pockets = 8,
+    /// Light where near rays of the gather hit.
+    Anew = 9,
 }
 
 /// Mixes 64 bits; a bijection in which every input bit changes half of the output bits.

@@ -57,6 +57,11 @@ impl Place {
         (self.geometric.dot(direction) > 0.0).then_some(self.triangle)
     }
 
+    /// Shading normal.
+    pub(super) fn normal(&self) -> Vec3 {
+        self.normal
+    }
+
     /// The place as the choice among emitters sees it.
     pub(super) fn site(&self) -> Site {
         Site { position: self.position, normal: self.normal, radius: 0.0, flat: true }
@@ -141,7 +146,7 @@ impl<'a> Look<'a> {
     }
 
     /// Cosine to the shading normal and origin of a ray toward a unit direction; `None` if that leads below the surface.
-    fn leave(&self, place: &Place, direction: Vec3) -> Option<(f32, Vec3)> {
+    pub(super) fn leave(&self, place: &Place, direction: Vec3) -> Option<(f32, Vec3)> {
         let cosine = place.normal.dot(direction);
         if cosine <= 0.0 {
             return None;

@@ -20,6 +20,7 @@ mod lit;
 mod look;
 mod neighbors;
 mod piece;
+mod probe;
 mod punctual;
 pub mod shoot;
 mod site;
@@ -29,6 +30,7 @@ mod unhidden;
 
 pub use direct::{Direct, direct};
 pub use emitters::{Emitters, Source};
+pub use probe::{Probe, Probed};
 
 /// How to gather direct light.
 #[derive(Debug, Clone, Copy)]

@@ -35,7 +35,7 @@ fn found(stage: &Stage<'_>, radiance: &[Rgb], glare: Option<&Glare>, rays: u32, 
     let viewers = glare.map(|glare| glare.viewers(&sent, &stage.emitters, told));
     let of = viewers.as_ref().map(|viewers| |front| viewers.left_out(front));
     let left_out = of.as_ref().map(|of| of as &(dyn Fn(usize) -> _ + Sync));
-    let field = Field { tracer, patches, radiance: [radiance; 2], left_out, tilts, sky: None, seed: 12 };
+    let field = Field { tracer, patches, radiance: [radiance; 2], left_out, tilts, sky: None, anew: None, seed: 12 };
     let mut gathered = Gathered::new(patches);
     gathered.add(&field, |_| rays, &Progress::default());
     let mut halves = gathered.halves();

@@ -178,6 +178,7 @@ fn gathered(scene: &Scene, texels_per_meter: f32, sky: bool) -> (Vec<f32>, Vec<V
         left_out: None,
         tilts: &Tilts::default(),
         sky: if sky { Some(&white) } else { None },
+        anew: None,
         seed: 3,
     };
     let mut gathered = Gathered::new(&stage.patches);

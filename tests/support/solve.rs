@@ -94,7 +94,7 @@ impl<'a> Stage<'a> {
         seed: u64,
     ) -> [Vec<Rgb>; 2] {
         let (tracer, patches) = (&self.tracer, &self.patches);
-        let field = Field { tracer, patches, radiance: [radiance; 2], left_out: None, tilts, sky, seed };
+        let field = Field { tracer, patches, radiance: [radiance; 2], left_out: None, tilts, sky, anew: None, seed };
         let mut gathered = Gathered::new(patches);
         gathered.add(&field, |_| rays, &Progress::default());
         gathered.halves()
