@@ -15,7 +15,7 @@ const BINS: usize = 360;
 /// Share of the outline in one direction, from which on it counts as rectangular.
 const RECTANGULAR: f64 = 0.5;
 
-/// Charts that move as one block on a page: one chart made here, or the kept layout of a node. Nodes that place the same
+/// Charts that move as one block on a page: one chart made here, or the kept layout of a node or page. Nodes that place the same
 /// meshes in the same size have a block each, all of one piece.
 #[derive(Debug, Clone)]
 pub(super) struct Piece {

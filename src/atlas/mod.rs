@@ -4,8 +4,8 @@
 //!
 //! Steps: weld the triangles of each part by position (`weld`), take planar pieces and smooth components (`region`),
 //! flatten them by projection or by xatlas (`flatten`, `chart`), turn each chart to the texel rows (`align`), or keep
-//! the part's own `TEXCOORD_1` (`keep`); put charts smaller than a texel together (`specks`), scale to the density and
-//! rasterise (`shape`), find what each chart needs of a page so that mip levels do not mix charts (`claim`, `cells`),
+//! the part's own `TEXCOORD_1` (`keep`, `sides`), those of a page together (`beside`); put charts smaller than a texel
+//! together (`specks`), scale to the density and rasterise (`shape`), find what each chart needs of a page so that mip levels do not mix charts (`claim`, `cells`),
 //! pack (`pack`, `choose`, `arrange`), and give every triangle corner its output vertex (`assemble`).
 //!
 //! Parts that place the same primitive in the same size (`scene::EqualParts`) have one layout, and a place each for every
