@@ -21,7 +21,7 @@ use super::shape::BitMap;
 use super::shape::Footprint;
 use super::shape::Shape;
 use super::shape::fraction_bits;
-use super::shape::shape;
+use super::shape::shape_on_page;
 use super::shape::whole_side;
 use crate::base::parallel;
 use crate::base::percentile::percentile;
@@ -117,7 +117,7 @@ fn on_pages(
         let piece = &pieces[of[k]];
         let turned = piece.page.map_or(DVec2::ONE, |own| page / own);
         let corners = piece.corners.iter().map(|c| c.map(|p| p * turned)).collect();
-        shape(&Piece { corners, page: Some(page), ..piece.clone() }, density, bits)
+        shape_on_page(&Piece { corners, ..piece.clone() }, page, density, bits)
     });
     let sides = page.to_array().map(|side| whole_side(side * density).ceil() as u32);
     let claimed: Vec<Taken> = shapes.iter().map(|shape| Taken::claimed(shape, level, settings.padding)).collect();
