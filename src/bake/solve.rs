@@ -303,10 +303,7 @@ impl<'a> Solver<'a> {
             let left_out = |front| viewers.left_out(front);
             let left_out: Option<&(dyn Fn(usize) -> _ + Sync)> = if glare.is_empty() { None } else { Some(&left_out) };
             let probe = light::Probe::new(tracer, patches, emitters);
-            let look = |patch, point, random: &mut Stream| {
-                let light::Probed { direct, onward, normal, rays } = probe.at(patch, point, random);
-                gather::Looked { direct, onward, normal, rays }
-            };
+            let look = |patch, point, random: &mut Stream| probe.at(patch, point, random);
             let anew = gather::Anew { look: &look, glared: &self.glared.halves(), rays: AtomicU64::new(0) };
             // A ray more is a bounce more. What lines of the lights brought is no light that a look at them finds.
             let is_known = settings.bounces.is_some() || settings.direct == DirectMode::Shoot;

@@ -20,7 +20,7 @@
 
 use super::Field;
 use crate::base::{Rgb, Stream};
-use crate::patches::{Sight, SurfacePoint};
+use crate::patches::{Looked, Sight, SurfacePoint};
 use crate::trace::{Hit, Ray};
 use core::f32::consts::{FRAC_1_PI, PI};
 use core::sync::atomic::{AtomicU64, Ordering};
@@ -43,18 +43,6 @@ pub struct Anew<'a> {
     pub glared: &'a [Vec<Rgb>; 2],
     /// Rays that were shot.
     pub rays: AtomicU64,
-}
-
-/// What such a look finds.
-pub struct Looked {
-    /// Direct irradiance [lx].
-    pub direct: Rgb,
-    /// Where a ray by cosine goes on.
-    pub onward: Option<Ray>,
-    /// Shading normal.
-    pub normal: Vec3,
-    /// Shadow rays that were shot.
-    pub rays: u64,
 }
 
 /// A path that looks for light, from a hit on.

@@ -55,7 +55,7 @@ mod bent;
 mod openness;
 mod settle;
 
-pub use anew::{Anew, Looked};
+pub use anew::Anew;
 pub use openness::{Openness, RAYS, openness};
 pub use settle::{Settled, Unsure, settle};
 

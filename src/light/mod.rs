@@ -30,7 +30,7 @@ mod unhidden;
 
 pub use direct::{Direct, direct};
 pub use emitters::{Emitters, Source};
-pub use probe::{Probe, Probed};
+pub use probe::Probe;
 
 /// How to gather direct light.
 #[derive(Debug, Clone, Copy)]

@@ -5,26 +5,13 @@
 use super::Emitters;
 use super::look::Look;
 use crate::base::{Frame, Rgb, Stream, warp};
-use crate::patches::{Patches, SurfacePoint};
+use crate::patches::{Looked, Patches, SurfacePoint};
 use crate::trace::{Ray, Tracer};
-use glam::{Vec2, Vec3};
+use glam::Vec2;
 
 /// Looks at points.
 pub struct Probe<'a> {
     look: Look<'a>,
-}
-
-/// What was seen.
-#[derive(Debug, Clone, Copy)]
-pub struct Probed {
-    /// Direct irradiance, of all lights, surfaces and the sky [lx].
-    pub direct: Rgb,
-    /// The ray that goes on, without end; `None` if a bent normal sends it below the surface.
-    pub onward: Option<Ray>,
-    /// Shading normal.
-    pub normal: Vec3,
-    /// Shadow rays that were shot.
-    pub rays: u64,
 }
 
 impl<'a> Probe<'a> {
@@ -36,7 +23,7 @@ impl<'a> Probe<'a> {
 
     /// Looks once at each light that is looked at by itself, at one of those at a finite distance, and at the sky.
     #[must_use]
-    pub fn at(&self, patch: usize, point: SurfacePoint, random: &mut Stream) -> Probed {
+    pub fn at(&self, patch: usize, point: SurfacePoint, random: &mut Stream) -> Looked {
         let mut look = self.look.clone();
         let emitters = look.emitters;
         let place = look.place(patch, point, &mut None);
@@ -58,6 +45,6 @@ impl<'a> Probe<'a> {
         }
         let direction = Frame::from_normal(place.normal()).to_world(warp::square_to_cosine_hemisphere(square()));
         let onward = look.leave(&place, direction).map(|(_, origin)| Ray { origin, direction, t_max: f32::INFINITY });
-        Probed { direct, onward, normal: place.normal(), rays: look.rays }
+        Looked { direct, onward, normal: place.normal(), rays: look.rays }
     }
 }

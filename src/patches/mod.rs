@@ -40,7 +40,7 @@ pub use blocks::{BLOCK, Block};
 pub use graph::{COS_FACING, HEIGHTS, PatchGraph};
 pub use place::Seen;
 pub use readers::{Unlit, around};
-pub use sight::Sight;
+pub use sight::{Looked, Sight};
 pub use surface::{PatchSurface, Spot};
 pub use tilt::{Shine, Tilt, Tilts};
 pub use turn::{Before, narrow};

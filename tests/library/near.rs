@@ -5,8 +5,8 @@ use crate::support;
 use core::sync::atomic::{AtomicU64, Ordering};
 use glam::{Affine2, Vec2, Vec3};
 use texelwalk::base::{Progress, Rgb, Stream};
-use texelwalk::gather::{Anew, Field, Gathered, Looked};
-use texelwalk::patches::{SurfacePoint, Tilts};
+use texelwalk::gather::{Anew, Field, Gathered};
+use texelwalk::patches::{Looked, SurfacePoint, Tilts};
 use texelwalk::scene::{Scene, Texture, TextureRef, Wrap};
 
 /// Edge of a texel [m].
