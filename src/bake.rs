@@ -150,6 +150,7 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     warnings.extend(scene.missing_materials().into_iter().chain(scene.nothing_lit()));
     admit(&scene, &atlas, settings)?;
     let mut patches = clock.timed("patches", |progress| Patches::new(&tracer, &atlas, progress))?;
+    let tracer = tracer.with_sides(patches.sides_of_walls());
     let turned = sides::turn(&tracer, &atlas, &mut patches, settings, &mut clock)?;
     warnings.extend(turned.warnings);
     let (graph, ways) = clock.timed("links", |progress| {

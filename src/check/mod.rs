@@ -165,7 +165,7 @@ pub fn check(baked: &Baked, settings: &Settings) -> Result<Report, Error> {
     if let Some(message) = &baked.unreadable {
         return Ok(unreadable(input, message, settings));
     }
-    let tracer = Tracer::new(&baked.scene);
+    let tracer = Tracer::new(&baked.scene).with_any_sides();
     let subject = Subject::new(settings, &tracer, &baked.lightmaps, &Progress::default())?;
     let pages = page::facts(&subject);
     let faults = page::faults(&baked.scene.document, &baked.lightmaps)?;

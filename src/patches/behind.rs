@@ -117,7 +117,7 @@ pub(super) fn is_cut_off(patches: &Patches, solids: Solids<'_>, i: usize, j: usi
 }
 
 /// What the way meets first is the back of a surface that has one side.
-fn meets_back(Solids { tracer, closed }: Solids<'_>, origin: Vec3, way: Vec3) -> bool {
+fn meets_back(Solids { tracer, closed, .. }: Solids<'_>, origin: Vec3, way: Vec3) -> bool {
     let hit = tracer.closest_hit(&Ray { origin, direction: way, t_max: 1.0 });
     hit.is_some_and(|hit| !hit.front && is_sheet(tracer.scene(), closed, hit.triangle))
 }

@@ -8,7 +8,8 @@
 //! A point is hidden when it lies in a solid ([`solids`](super::solids)). Sheets with one side hide only what lies behind
 //! them in texels that have a part before them ([`behind`](super::behind)); what double-sided ones hide is found later
 //! ([`pockets`](super::pockets)). A point of a single-sided surface is hidden too when another surface lies on it face to
-//! face, as the underside of a crate and the floor do.
+//! face, as the underside of a crate and the floor do, and it is not the other side of the same wall
+//! ([`party`](super::party)).
 //!
 //! Limits: a floor that is closed in by single-sided surfaces which all face away from it counts as hidden. In a texel
 //! with many triangles, what lies on one that is not looked at may be missed.
@@ -17,13 +18,14 @@ use super::behind::{self, Sheets, span};
 use super::cells::{MASK_GRID, cell_index};
 use super::clear::Clear;
 use super::crossable::Crossable;
-use super::facing::Facing;
+use super::facing::{Contact, Facing};
+use super::party::PartyWalls;
 use super::pieces::Pieces;
 use super::solids::{Solids, are_joined, is_inside, which_inside};
 use super::{Patches, SurfacePoint};
 use crate::base::{Frame, Progress, parallel};
 use crate::scene::Scene;
-use crate::trace::{Ray, Tracer};
+use crate::trace::{Closed, Ray, Tracer};
 use glam::{DVec2, Vec3};
 
 /// Height of the short rays that look for things standing on a texel, in texel edges: higher misses skirting boards,
@@ -57,6 +59,11 @@ const MOST_POINTS: u32 = 8;
 /// The same for texels of more than [`MOST_LOOKS`] triangles.
 const CRUMPLED_POINTS: u32 = 2;
 
+/// Surfaces that may lie on one, each the other side of the one before.
+const MOST_SIDES: usize = 4;
+/// Share of the surface up to which sides of walls are too few for rays to meet them.
+const FEW_SIDES: f64 = 1e-3;
+
 /// Less than this share of a texel counts as none: a single line would make a spike of it.
 pub(super) const LEAST_EXPOSED: f32 = 0.04;
 
@@ -89,6 +96,8 @@ impl Cell {
 struct Found {
     /// A sheet may stand within it or beside it.
     walled: bool,
+    /// What lies on parts of it face to face, once for each pair of triangles.
+    contacts: Vec<Contact>,
     /// The rest means something.
     partly: bool,
     mask: u64,
@@ -96,23 +105,48 @@ struct Found {
     position: Vec3,
 }
 
-/// Sets mask, exposed share and centroid of every patch. Which front patches a sheet may stand within or beside.
-pub(super) fn find(patches: &mut Patches, solids: Solids<'_>, progress: &Progress) -> Vec<bool> {
+/// Sets mask, exposed share and centroid of every patch, which front patches a sheet may stand within or beside, and which
+/// triangles are the two sides of a wall.
+pub(super) fn find(patches: &mut Patches, tracer: &Tracer<'_>, closed: &Closed, progress: &Progress) {
+    let mut party = PartyWalls::default();
+    let solids = Solids { tracer, closed, party: &party };
     let clear = Clear::find(patches, solids, progress);
     let look = |i| if clear.has(patches, i) { Found::default() } else { texel(patches, solids, i) };
-    let found = parallel::map_watched(patches.front, progress, look);
-    let walled = found.iter().map(|f| f.walled).collect();
+    let mut found = parallel::map_watched(patches.front, progress, look);
+    for _ in 0..MOST_SIDES {
+        let known = party.len();
+        let new = PartyWalls::among(Solids { tracer, closed, party: &party }, found.iter().flat_map(|f| &f.contacts));
+        party.extend(new);
+        if party.len() == known {
+            break;
+        }
+        // Backs of such walls may have made other points look as if they lay in solids, too.
+        let large = party.area(tracer.scene()) >= FEW_SIDES * patches.area.iter().map(|a| f64::from(*a)).sum::<f64>();
+        let asked = |f: &Found| large && f.partly || f.contacts.iter().any(|contact| party.has(contact.pair()));
+        let again: Vec<usize> = (0..patches.front).filter(|&i| asked(&found[i])).collect();
+        let solids = Solids { tracer, closed, party: &party };
+        let anew = parallel::map_watched(again.len(), progress, |k| texel(patches, solids, again[k]));
+        again.iter().zip(anew).for_each(|(&i, anew)| found[i] = anew);
+    }
+    patches.party = party;
+    patches.walled = found.iter().map(|f| f.walled).collect();
     for (i, f) in found.into_iter().enumerate().filter(|(_, f)| f.partly) {
-        let back = patches.back_of[i];
-        for patch in [Some(i), (back != super::NO_PATCH).then_some(back as usize)].into_iter().flatten() {
-            patches.mask[patch] = f.mask;
-            patches.exposed[patch] = f.exposed;
-            if f.exposed > 0.0 {
-                patches.position[patch] = f.position;
+        patches.keep_found(i, &f);
+    }
+}
+
+impl Patches {
+    /// Sets what was found for a front patch, and for its back.
+    fn keep_found(&mut self, front: usize, found: &Found) {
+        let back = self.back_of[front];
+        for patch in [Some(front), (back != super::NO_PATCH).then_some(back as usize)].into_iter().flatten() {
+            self.mask[patch] = found.mask;
+            self.exposed[patch] = found.exposed;
+            if found.exposed > 0.0 {
+                self.position[patch] = found.position;
             }
         }
     }
-    walled
 }
 
 impl Patches {
@@ -134,15 +168,15 @@ fn texel(patches: &Patches, solids: Solids<'_>, patch: usize) -> Found {
     let tracer = solids.tracer;
     let Some(center) = patches.middle(tracer, patch) else { return Found::default() };
     let about = About::new(patches, solids, patch);
-    if about.facing.seals_all(patches, tracer, patch) {
-        return Found { partly: true, walled: about.sheet, ..Found::default() };
+    if let Some(contacts) = about.facing.seals_all(patches, solids, patch) {
+        return Found { partly: true, contacts, walled: about.sheet, ..Found::default() };
     }
-    let near = near(patches, tracer, patch, &about);
+    let near = near(patches, solids, patch, &about);
     if near != Near::Within && !is_hidden(solids, center, &about.facing) {
         return Found { walled: about.sheet && near == Near::Beside, ..Found::default() };
     }
-    let walled = Found { walled: about.sheet, ..Found::default() };
-    let mut cells = cells(patches, solids, patch, &about);
+    let (mut cells, contacts) = cells(patches, solids, patch, &about);
+    let walled = Found { walled: about.sheet, contacts, ..Found::default() };
     if cells.iter().any(|cell| cell.before > 0.0) {
         cells.iter_mut().for_each(|cell| cell.open = cell.before);
     }
@@ -166,13 +200,13 @@ fn texel(patches: &Patches, solids: Solids<'_>, patch: usize) -> Found {
     Found { partly: true, mask, exposed: open / total, position, ..walled }
 }
 
-/// The surface in the cells of the mask.
+/// The surface in the cells of the mask, and what lies on it.
 fn cells(
     patches: &Patches,
     solids: Solids<'_>,
     patch: usize,
     about: &About,
-) -> [Cell; (MASK_GRID * MASK_GRID) as usize] {
+) -> ([Cell; (MASK_GRID * MASK_GRID) as usize], Vec<Contact>) {
     let mut cells = [Cell::default(); (MASK_GRID * MASK_GRID) as usize];
     let fragments = patches.fragments.range(patch);
     let most = if fragments.len() > MOST_LOOKS { CRUMPLED_POINTS } else { MOST_POINTS };
@@ -181,7 +215,7 @@ fn cells(
         let sheets = if about.crowded { Sheets::anywhere } else { Sheets::near };
         sheets(patches, solids, patch)
     });
-    let (mut points, mut areas, mut asked) = (vec![], vec![], vec![]);
+    let (mut points, mut areas, mut asked, mut contacts) = (vec![], vec![], vec![], Vec::<Contact>::new());
     let mut looks = [0; (MASK_GRID * MASK_GRID) as usize];
     for f in fragments {
         let first = points.len();
@@ -189,11 +223,12 @@ fn cells(
             points.push((point, centroid));
             areas.push(area);
         });
-        let sealed = about.facing.seal(solids.tracer, &points[first..]);
-        for ((_, centroid), sealed) in points[first..].iter().zip(sealed) {
-            let looks = &mut looks[cell_index(*centroid, MASK_GRID)];
+        let sealed = about.facing.seal(solids, &points[first..]);
+        for (&(point, centroid), by) in points[first..].iter().zip(sealed) {
+            let looks = &mut looks[cell_index(centroid, MASK_GRID)];
             *looks += 1;
-            asked.push((*looks <= most).then_some(!sealed));
+            asked.push((*looks <= most).then_some(by.is_none()));
+            contacts.extend(by.map(|by| Contact { point, by }));
         }
     }
     let asking: Vec<_> =
@@ -205,7 +240,13 @@ fn cells(
         let before = open && !sheets.as_ref().is_some_and(|sheets| sheets.hide(position));
         cells[cell_index(centroid, MASK_GRID)].add(area, position, asked.map(|_| [open, before]));
     }
-    cells
+    (cells, middles(contacts))
+}
+
+/// For each pair of triangles one contact of some, about the middle one.
+fn middles(mut contacts: Vec<Contact>) -> Vec<Contact> {
+    contacts.sort_by_key(Contact::pair);
+    contacts.chunk_by(|a, b| a.pair() == b.pair()).map(|same| same[same.len() / 2]).collect()
 }
 
 /// What lies about a texel.
@@ -224,7 +265,7 @@ struct About {
 impl About {
     /// One look into a box, which costs less than a dozen rays: where nothing that is near could meet rays along the texel,
     /// they need not be traced. Crumpled texels are not looked at.
-    fn new(patches: &Patches, Solids { tracer, closed }: Solids<'_>, patch: usize) -> Self {
+    fn new(patches: &Patches, Solids { tracer, closed, .. }: Solids<'_>, patch: usize) -> Self {
         let over = Crossable::anything();
         let unknown = Self { stands: true, facing: Facing::Anywhere, sheet: true, over, crowded: false };
         let (scene, plane) = (tracer.scene(), Plane::of(patches, patch));
@@ -336,12 +377,13 @@ enum Near {
     Within,
 }
 
-fn near(patches: &Patches, tracer: &Tracer<'_>, patch: usize, about: &About) -> Near {
+fn near(patches: &Patches, solids: Solids<'_>, patch: usize, about: &About) -> Near {
+    let tracer = solids.tracer;
     if !about.facing.is_nowhere() {
         for f in some_of(patches, patch) {
             let mut sealed = false;
             patches.cell_centroids(patch, f, 2, |point, _, _| {
-                sealed = sealed || about.facing.seals(tracer, point);
+                sealed = sealed || about.facing.seals(solids, point);
             });
             if sealed {
                 return Near::Within;
@@ -366,7 +408,7 @@ fn near(patches: &Patches, tracer: &Tracer<'_>, patch: usize, about: &About) -> 
     });
     // What stands beside a texel may cover a strip of it, as a board does of the panel behind it.
     let Some(outline) = outline else { return Near::Nothing };
-    let covered = || outline.into_iter().any(|point| about.facing.seals(tracer, point));
+    let covered = || outline.into_iter().any(|point| about.facing.seals(solids, point));
     if stands_within || covered() { Near::Within } else { Near::Beside }
 }
 
@@ -401,11 +443,11 @@ fn is_in_front(tracer: &Tracer<'_>, triangle: u32, points: &[SurfacePoint]) -> b
 pub(super) fn is_open(patches: &Patches, solids: Solids<'_>, pieces: &Pieces, [open, within]: [DVec2; 2]) -> bool {
     let height = LOW * patches.texel_edge(pieces.front);
     let (open, point) = (pieces.nearest(open), pieces.nearest(within));
-    !Facing::Anywhere.seals(solids.tracer, point)
+    !Facing::Anywhere.seals(solids, point)
         && (are_joined(solids.tracer, open, point, height) || !is_inside(solids, point))
 }
 
 /// The point lies in a solid, or something lies on it face to face.
 fn is_hidden(solids: Solids<'_>, point: SurfacePoint, facing: &Facing) -> bool {
-    facing.seals(solids.tracer, point) || is_inside(solids, point)
+    facing.seals(solids, point) || is_inside(solids, point)
 }

@@ -5,8 +5,9 @@
 //! Where one triangle lies on the corners of a convex polygon, it lies on all of it: it is convex too, and its distance is
 //! linear. So a texel below a wall is asked about four points, not sixty-four.
 
+use super::solids::Solids;
 use super::{Patches, SurfacePoint};
-use crate::trace::{Ground, Tracer};
+use crate::trace::Ground;
 use glam::{DVec2, Vec3};
 
 /// Triangles up to which they are kept.
@@ -19,6 +20,20 @@ pub(super) enum Facing {
     /// Over these triangles.
     In(Vec<Face>),
     Anywhere,
+}
+
+/// A point of a triangle, and the other triangle that lies on it.
+#[derive(Clone, Copy)]
+pub(super) struct Contact {
+    pub(super) point: SurfacePoint,
+    pub(super) by: u32,
+}
+
+impl Contact {
+    /// Both triangles, the one below first.
+    pub(super) fn pair(&self) -> [u32; 2] {
+        [self.point.triangle, self.by]
+    }
 }
 
 /// Where a triangle may lie on something.
@@ -67,48 +82,50 @@ impl Facing {
     }
 
     /// Another surface lies on a point of a single-sided one.
-    pub(super) fn seals(&self, tracer: &Tracer<'_>, point: SurfacePoint) -> bool {
-        let scene = tracer.scene();
-        let ground = || Ground::new(scene.corners(point.triangle));
-        self.may_seal(tracer, point.triangle) && self.by(tracer, &ground(), point).is_some()
+    pub(super) fn seals(&self, solids: Solids<'_>, point: SurfacePoint) -> bool {
+        let ground = || Ground::new(solids.tracer.scene().corners(point.triangle));
+        self.may_seal(solids, point.triangle) && self.by(solids, &ground(), point).is_some()
     }
 
-    /// Other surfaces lie on all of a front patch, one on what each triangle covers of it. Otherwise it may be so as well.
-    pub(super) fn seals_all(&self, patches: &Patches, tracer: &Tracer<'_>, patch: usize) -> bool {
+    /// Other surfaces lie on all of a front patch, one on what each triangle covers of it: the middle of each, and what lies on
+    /// it. If there are none, it may be so as well.
+    pub(super) fn seals_all(&self, patches: &Patches, solids: Solids<'_>, patch: usize) -> Option<Vec<Contact>> {
         let fragments = patches.fragments.range(patch);
-        fragments.len() <= MOST_FACING && fragments.into_iter().all(|f| self.seals_corners(patches, tracer, patch, f))
+        let few = fragments.len() <= MOST_FACING && !self.is_nowhere();
+        few.then(|| fragments.into_iter().map(|f| self.seals_corners(patches, solids, patch, f)).collect())?
     }
 
     /// One surface lies on all corners of what a triangle covers of a front patch.
-    fn seals_corners(&self, patches: &Patches, tracer: &Tracer<'_>, patch: usize, fragment: usize) -> bool {
+    fn seals_corners(&self, patches: &Patches, solids: Solids<'_>, patch: usize, fragment: usize) -> Option<Contact> {
         let triangle = patches.fragments.triangle(patch, fragment);
-        if !self.may_seal(tracer, triangle) {
-            return false;
+        if !self.may_seal(solids, triangle) {
+            return None;
         }
         let (map, polygon) = (patches.map(triangle, patch), patches.polygon(patch, fragment));
-        let ground = Ground::new(tracer.scene().corners(triangle));
+        let ground = Ground::new(solids.tracer.scene().corners(triangle));
         let at = |corner: &DVec2| SurfacePoint { triangle, b: map.weights(*corner) };
-        let mut by = polygon.corners().iter().map(|corner| self.by(tracer, &ground, at(corner)));
-        let first = by.next().flatten();
-        first.is_some() && by.all(|by| by == first)
+        let mut corners = polygon.corners().iter().map(at);
+        let by = self.by(solids, &ground, corners.next()?)?;
+        let all = corners.all(|corner| self.by(solids, &ground, corner) == Some(by));
+        all.then(|| Contact { point: at(&polygon.centroid()), by })
     }
 
-    /// [`Facing::seals`] for points of one triangle, each with its place in the texel.
-    pub(super) fn seal(&self, tracer: &Tracer<'_>, points: &[(SurfacePoint, DVec2)]) -> Vec<bool> {
-        let mut sealed = vec![false; points.len()];
-        let Some((first, _)) = points.first().filter(|(point, _)| self.may_seal(tracer, point.triangle)) else {
+    /// What lies on points of one triangle, each with its place in the texel.
+    pub(super) fn seal(&self, solids: Solids<'_>, points: &[(SurfacePoint, DVec2)]) -> Vec<Option<u32>> {
+        let mut sealed = vec![None; points.len()];
+        let Some((first, _)) = points.first().filter(|(point, _)| self.may_seal(solids, point.triangle)) else {
             return sealed;
         };
-        let ground = Ground::new(tracer.scene().corners(first.triangle));
+        let ground = Ground::new(solids.tracer.scene().corners(first.triangle));
         let mut known = vec![None; points.len()];
-        let ask = |k: usize| tracer.sealed_by(&ground, points[k].0.triangle, points[k].0.b);
+        let ask = |k: usize| solids.sealed_by(&ground, points[k].0);
         let mut by = |k: usize| *known[k].get_or_insert_with(|| ask(k));
         let (place, rows) = (|k: usize| points[k].1, in_rows(points.len(), |k| points[k].1));
         let Self::In(faces) = self else {
             fill(&mut by, &mut sealed, &place, &rows);
             return sealed;
         };
-        let position = |k: usize| tracer.scene().position(points[k].0.triangle, points[k].0.b);
+        let position = |k: usize| solids.tracer.scene().position(points[k].0.triangle, points[k].0.b);
         let likely: Vec<Option<usize>> = (0..points.len()).map(|k| deepest(faces, position(k))).collect();
         for face in 0..faces.len() {
             let here: Vec<usize> = rows.iter().copied().filter(|&k| likely[k] == Some(face)).collect();
@@ -118,17 +135,17 @@ impl Facing {
     }
 
     /// Anything may lie on a triangle.
-    fn may_seal(&self, tracer: &Tracer<'_>, triangle: u32) -> bool {
-        !self.is_nowhere() && !tracer.scene().material(triangle).double_sided
+    fn may_seal(&self, solids: Solids<'_>, triangle: u32) -> bool {
+        !self.is_nowhere() && !solids.tracer.scene().material(triangle).double_sided
     }
 
     /// The triangle that lies on a point.
-    fn by(&self, tracer: &Tracer<'_>, ground: &Ground, point: SurfacePoint) -> Option<u32> {
+    fn by(&self, solids: Solids<'_>, ground: &Ground, point: SurfacePoint) -> Option<u32> {
         if let Self::In(faces) = self {
-            let position = tracer.scene().position(point.triangle, point.b);
+            let position = solids.tracer.scene().position(point.triangle, point.b);
             faces.iter().any(|face| face.holds(position).is_some()).then_some(())?;
         }
-        tracer.sealed_by(ground, point.triangle, point.b)
+        solids.sealed_by(ground, point)
     }
 }
 
@@ -148,21 +165,23 @@ fn in_rows(n: usize, place: impl Fn(usize) -> DVec2) -> Vec<usize> {
     points
 }
 
-/// Sets which of some points, by rows, are sealed, `by` which triangle.
+/// Sets which triangle lies on each of some points, by rows.
 fn fill(
     by: &mut impl FnMut(usize) -> Option<u32>,
-    sealed: &mut [bool],
+    sealed: &mut [Option<u32>],
     place: &impl Fn(usize) -> DVec2,
     points: &[usize],
 ) {
-    let each = |sealed: &mut [bool], is: &mut dyn FnMut(usize) -> bool| points.iter().for_each(|&k| sealed[k] = is(k));
+    let each = |sealed: &mut [Option<u32>], by: &mut dyn FnMut(usize) -> Option<u32>| {
+        points.iter().for_each(|&k| sealed[k] = by(k));
+    };
     if points.len() <= FEW {
-        return each(sealed, &mut |k| by(k).is_some());
+        return each(sealed, by);
     }
     let hull = hull(place, points);
     let one = hull.first().and_then(|&k| by(k));
     if one.is_some() && hull.iter().all(|&k| by(k) == one) {
-        return each(sealed, &mut |_| true);
+        return each(sealed, &mut |_| one);
     }
     let spread = |axis: usize| {
         let along = |[low, high]: [f64; 2], k: &usize| [low.min(place(*k)[axis]), high.max(place(*k)[axis])];
@@ -172,7 +191,7 @@ fn fill(
     let (axis, [low, high]) = if columns[1] - columns[0] > rows[1] - rows[0] { (0, columns) } else { (1, rows) };
     let (near, far): (Vec<usize>, Vec<usize>) = points.iter().partition(|k| place(**k)[axis] < 0.5 * (low + high));
     if near.is_empty() || far.is_empty() {
-        return each(sealed, &mut |k| by(k).is_some());
+        return each(sealed, by);
     }
     fill(by, sealed, place, &near);
     fill(by, sealed, place, &far);
@@ -205,13 +224,13 @@ mod tests {
     use proptest::prelude::*;
 
     fn points(place: &impl Fn(usize) -> DVec2, cover: impl Fn(DVec2) -> Option<u32>, n: usize) -> (Vec<bool>, usize) {
-        let (mut asked, mut sealed) = (0, vec![false; n]);
+        let (mut asked, mut sealed) = (0, vec![None; n]);
         let mut by = |k: usize| {
             asked += 1;
             cover(place(k))
         };
         fill(&mut by, &mut sealed, place, &in_rows(n, place));
-        (sealed, asked)
+        (sealed.iter().map(Option::is_some).collect(), asked)
     }
 
     #[test]

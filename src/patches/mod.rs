@@ -24,6 +24,7 @@ mod fragments;
 mod graph;
 mod hollows;
 mod laid;
+mod party;
 mod pieces;
 mod place;
 mod pockets;
@@ -53,6 +54,7 @@ use fragments::Fragments;
 use glam::{Vec2, Vec3};
 use hollows::Hollow;
 use laid::Laid;
+use party::PartyWalls;
 
 /// No patch.
 pub const NO_PATCH: u32 = u32::MAX;
@@ -101,6 +103,7 @@ pub struct Patches {
     walled: Vec<bool>,
     /// By patch; empty if none lies in a hollow wall.
     hollows: Vec<Hollow>,
+    party: PartyWalls,
     surface: Laid,
     /// Charts whose front patches lie on the back of their triangles, ascending.
     turned: Vec<u32>,
@@ -121,8 +124,7 @@ impl Patches {
     pub fn new(tracer: &Tracer<'_>, atlas: &Atlas, progress: &Progress) -> Self {
         let mut patches = texel::patches(tracer.scene(), atlas);
         let closed = Closed::new(tracer.scene());
-        let solids = solids::Solids { tracer, closed: &closed };
-        patches.walled = exposed::find(&mut patches, solids, progress);
+        exposed::find(&mut patches, tracer, &closed, progress);
         patches.close(tracer, progress);
         patches.find_readers(tracer, &closed, progress);
         patches.find_plain();
@@ -142,7 +144,12 @@ impl Patches {
     /// Sets the centroids of what is exposed, and who reads what is not.
     fn find_readers(&mut self, tracer: &Tracer<'_>, closed: &Closed, progress: &Progress) {
         self.centroid = parallel::map(self.front, |i| self.centroid_of(i));
-        self.unlit = readers::find(self, solids::Solids { tracer, closed }, &self.walled, progress);
+        self.unlit = readers::find(self, solids::Solids { tracer, closed, party: &self.party }, &self.walled, progress);
+    }
+
+    /// Triangles that are one of the two sides of a wall without thickness, cut into other triangles than the other side is.
+    pub fn sides_of_walls(&self) -> impl Iterator<Item = u32> + '_ {
+        self.party.sides()
     }
 
     /// Number of patches, fronts and backs.

@@ -13,13 +13,14 @@
 use super::SurfacePoint;
 use super::cells::{MASK_GRID, cell_index};
 use super::crossable::Crossable;
+use super::party::PartyWalls;
 use crate::base::{Frame, Sets, warp};
 use crate::scene::Material;
 use crate::trace::{Closed, Ground, Ray, Tracer};
 use glam::{DVec2, Vec2, Vec3};
 
 /// Rays per point. Fewer misjudge points near the mouth of a hollow.
-const PROBES: u32 = 8;
+pub(super) const PROBES: u32 = 8;
 /// Hits on backs that make a point hidden; one may go astray through a crack.
 const HIDDEN_HITS: u32 = 7;
 /// Rays that meet a back first in any solid, whatever goes through it; rays of so many must say that it is one.
@@ -32,6 +33,15 @@ const FEW: usize = 6;
 pub(super) struct Solids<'a> {
     pub(super) tracer: &'a Tracer<'a>,
     pub(super) closed: &'a Closed,
+    pub(super) party: &'a PartyWalls,
+}
+
+impl Solids<'_> {
+    /// What lies on a point face to face, and is not the other side of the wall that its triangle is one side of.
+    pub(super) fn sealed_by(self, ground: &Ground, point: SurfacePoint) -> Option<u32> {
+        let counts = |other: u32| !self.party.has([point.triangle, other]);
+        self.tracer.sealed_by(ground, point.triangle, point.b, counts)
+    }
 }
 
 /// The rays of a point.
@@ -58,12 +68,10 @@ impl<'a> Probes<'a> {
 
     /// What a ray meets first.
     fn meets(&self, ray: &Ray) -> Met {
-        // The inside of a glass or a lampshade is no solid.
-        let solid = |m: &Material| !m.is_two_sided() && m.transmission == 0.0;
         let tracer = self.solids.tracer;
-        match tracer.closest_hit(ray) {
+        match tracer.closest_side(ray, |triangle| self.solids.party.has_side(triangle)) {
             None => Met::Nothing,
-            Some(hit) if !hit.front && solid(tracer.scene().material(hit.triangle)) => Met::Back,
+            Some(hit) if !hit.front && bounds_solids(tracer.scene().material(hit.triangle)) => Met::Back,
             Some(_) => Met::Other,
         }
     }
@@ -76,6 +84,17 @@ enum Met {
     /// The back of a solid.
     Back,
     Other,
+}
+
+/// A surface may bound a solid. The inside of a glass or a lampshade is none.
+pub(super) fn bounds_solids(material: &Material) -> bool {
+    !material.is_two_sided() && material.transmission == 0.0
+}
+
+/// How many of the [`PROBES`] rays of a point leave a solid, whatever touches it.
+pub(super) fn rays_out(solids: Solids<'_>, point: SurfacePoint) -> u32 {
+    let leaves = |ray: &Ray| solids.tracer.leaves_solids_together(ray, solids.closed).unwrap_or(true);
+    Probes::new(solids, point).rays().filter(leaves).count() as u32
 }
 
 /// The point lies in the open beyond doubt: none of its rays meets a back.

@@ -27,6 +27,7 @@ mod lift;
 mod machine;
 mod many;
 mod origin;
+mod sides;
 mod solid;
 mod solids;
 mod split;
@@ -40,6 +41,7 @@ pub use closed::Closed;
 pub use lift::Lift;
 pub use many::Rays;
 pub use origin::Ground;
+pub use sides::weights_at;
 
 use crate::scene::{Part, Scene};
 use build::Hierarchy;
@@ -101,6 +103,8 @@ pub struct Tracer<'a> {
     tints: bool,
     /// What parts are to light inside of them; empty if that does not matter.
     bodies: Vec<solids::Body>,
+    /// A bit per triangle that a front may lie on, see [`Tracer::with_sides`]; empty if none.
+    sides: Vec<u64>,
     /// The machine has AVX2.
     #[cfg(target_arch = "x86_64")]
     avx2: Option<machine::Avx2>,
@@ -166,7 +170,7 @@ impl<'a> Tracer<'a> {
     /// Of everything, for pictures.
     #[must_use]
     pub fn of_all(scene: &'a Scene) -> Self {
-        Self::of(scene, |_| true)
+        Self::of(scene, |_| true).with_any_sides()
     }
 
     fn of(scene: &'a Scene, keep: impl Fn(&Part) -> bool) -> Self {
@@ -187,6 +191,7 @@ impl<'a> Tracer<'a> {
             transparent: scene.materials.iter().any(|m| !m.is_opaque()),
             tints: scene.materials.iter().any(|m| m.transmission > 0.0),
             bodies: solids::bodies(scene),
+            sides: vec![],
             #[cfg(target_arch = "x86_64")]
             avx2,
         }
@@ -213,7 +218,8 @@ impl<'a> Tracer<'a> {
     /// and the triangle.
     #[must_use]
     pub fn closest_hit(&self, ray: &Ray) -> Option<Hit> {
-        self.nearest(ray.into())
+        let hit = self.nearest(ray.into())?;
+        Some(if self.sides.is_empty() { hit } else { self.side_met(NO_TRIANGLE, hit) })
     }
 
     /// What [`Tracer::closest_hit`] says of each of these rays, in their order.
@@ -247,21 +253,31 @@ impl<'a> Tracer<'a> {
         })
     }
 
-    /// What lies on this point of a triangle's front, face to face, as the foot of a chair on the floor; not the same
-    /// triangle once more with its front on the other side, which makes a sheet with two sides. Rays that leave
+    /// What lies on this point of a triangle's front, face to face, as the foot of a chair on the floor, and `counts`; not
+    /// the same triangle once more with its front on the other side, which makes a sheet with two sides. Rays that leave
     /// the point start beyond that surface, as its distance is less than the push of [`Tracer::origin_on`].
     #[must_use]
-    pub fn sealed_by(&self, ground: &Ground, triangle: u32, b: Vec2) -> Option<u32> {
+    pub fn sealed_by(&self, ground: &Ground, triangle: u32, b: Vec2, counts: impl Fn(u32) -> bool) -> Option<u32> {
         let normal = ground.normal();
         let [above, below] = [normal, -normal].map(|side| self.leave(ground, b, side));
         let direction = below.as_dvec3() - above.as_dvec3();
-        let hit = self.nearest(Ray3 { origin: above, direction, t_max: 1.0, passes: triangle, clear: false });
-        let facing = |h: &Hit| {
-            !h.front
-                && self.scene.geometric_normal(h.triangle).dot(normal) < FACE_TO_FACE
-                && !solid::are_sides(self.scene, h.triangle, triangle)
-        };
-        hit.filter(facing).map(|h| h.triangle)
+        let ray = Ray3 { origin: above, direction, t_max: 1.0, passes: triangle, clear: false };
+        let faces = |other: u32, front: bool| !front && self.scene.geometric_normal(other).dot(normal) < FACE_TO_FACE;
+        let seals = |other: u32| !solid::are_sides(self.scene, other, triangle) && counts(other);
+        let hit = self.nearest(ray).filter(|hit| faces(hit.triangle, hit.front))?;
+        if seals(hit.triangle) {
+            return Some(hit.triangle);
+        }
+        // A chair may stand on a floor that has a ceiling as its other side.
+        let mut first: Option<(f32, u32)> = None;
+        self.each_crossed(&ray, |c| {
+            if c.triangle != triangle && !c.transparent && faces(c.triangle, c.front) && seals(c.triangle) {
+                let this = (c.t, c.triangle);
+                first = Some(first.map_or(this, |first| if this < first { this } else { first }));
+            }
+            true
+        });
+        first.map(|(_, other)| other)
     }
 
     #[inline]
@@ -303,6 +319,11 @@ impl<'a> Tracer<'a> {
                 } else if hit.is_none() && self.any_too(ray) {
                     *hit = Some(SOMETHING);
                 }
+            }
+        }
+        if !ANY && !self.sides.is_empty() {
+            for (ray, hit) in rays.iter().zip(hits.iter_mut()) {
+                *hit = hit.map(|hit| self.side_met(ray.passes, hit));
             }
         }
         hits

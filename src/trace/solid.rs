@@ -22,6 +22,9 @@ use crate::scene::Scene;
 /// took 5 ms, and one texel of all of them 11 s.
 const MOST: usize = 256;
 
+/// Relative difference of distances up to which surfaces lie on each other, but for the rounding of their corners.
+const TOGETHER: f32 = 16.0 * f32::EPSILON;
+
 /// Triangles at one distance from which on they are not compared with each other.
 const MOST_TOGETHER: usize = 16;
 
@@ -31,18 +34,7 @@ impl Tracer<'_> {
     /// rays without direction.
     #[must_use]
     pub fn leaves_solid(&self, ray: &Ray, closed: &Closed) -> Option<bool> {
-        let (mut met, mut around) = (vec![], 0);
-        self.each_crossed(&Ray3::from(ray), |c| {
-            if !c.transparent && !self.scene.material(c.triangle).is_two_sided() {
-                let side = if c.front { -1 } else { 1 };
-                around += if closed.holds(c.triangle) { side } else { 0 };
-                met.push((c.t, side, c.triangle));
-            }
-            met.len() < MOST
-        });
-        if met.len() == MOST {
-            return None;
-        }
+        let (mut met, around) = self.bounds_met(ray, closed)?;
         if around > 0 {
             return Some(true);
         }
@@ -55,6 +47,37 @@ impl Tracer<'_> {
             leaves(&mut met, -1) == fronts_first
         };
         agree.then_some(fronts_first)
+    }
+
+    /// The same, but faces that lie on each other count together, so that walls between rooms and solids that touch change
+    /// nothing: only the outermost ones tell which they are. `None` for [`MOST`] surfaces and more.
+    #[must_use]
+    pub fn leaves_solids_together(&self, ray: &Ray, closed: &Closed) -> Option<bool> {
+        let (mut met, around) = self.bounds_met(ray, closed)?;
+        met.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+        let mut sum = 0;
+        let levels = met.chunk_by(|a, b| b.0 - a.0 <= TOGETHER * b.0);
+        Some(
+            around > 0
+                || levels.map(|level| level.iter().map(|m| m.1).sum::<i32>()).any(|side| {
+                    sum += side;
+                    sum > 0
+                }),
+        )
+    }
+
+    /// The single-sided opaque surfaces on the way of a ray, and how many more backs than fronts of closed ones.
+    fn bounds_met(&self, ray: &Ray, closed: &Closed) -> Option<(Vec<Met>, i32)> {
+        let (mut met, mut around) = (vec![], 0);
+        self.each_crossed(&Ray3::from(ray), |c| {
+            if !c.transparent && !self.scene.material(c.triangle).is_two_sided() {
+                let side = if c.front { -1 } else { 1 };
+                around += if closed.holds(c.triangle) { side } else { 0 };
+                met.push((c.t, side, c.triangle));
+            }
+            met.len() < MOST
+        });
+        (met.len() < MOST).then_some((met, around))
     }
 }
 

@@ -38,6 +38,7 @@ mod mips;
 mod near;
 mod normal_maps;
 mod output;
+mod party;
 mod quantized;
 mod ray_origins;
 mod rays;

@@ -79,6 +79,16 @@ impl Quad {
         self
     }
 
+    /// Turned about the origin.
+    pub(crate) fn turned(self, by: Quat) -> Self {
+        Self { corner: by * self.corner, u: by * self.u, v: by * self.v, ..self }
+    }
+
+    /// The same rectangle with its front on the other side, and cut along the other diagonal.
+    pub(crate) fn other_side(self) -> Self {
+        Self { corner: self.corner + self.u, u: -self.u, ..self }
+    }
+
     /// Its centre.
     pub(crate) fn middle(&self) -> Vec3 {
         self.corner + (self.u + self.v) / 2.0
