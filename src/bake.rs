@@ -24,6 +24,7 @@ use crate::base::{Progress, Rgb, Warned, Warning, parallel};
 use crate::contacts;
 use crate::finish::{self, Errors, Lightmap};
 use crate::gather;
+use crate::light;
 use crate::memory::{self, Estimate};
 use crate::output::{self, report};
 use crate::patches::{PatchGraph, Patches};
@@ -147,7 +148,7 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     let charted = clock.timed("atlas", |_| atlas::build(&tracer, &how))??;
     let atlas = charted.output;
     warnings.extend(charted.warnings);
-    warnings.extend(scene.missing_materials().into_iter().chain(scene.nothing_lit()));
+    warnings.extend(scene.missing_materials().into_iter().chain(scene.nothing_lit()).chain(light::lost(&tracer)));
     admit(&scene, &atlas, settings)?;
     let mut patches = clock.timed("patches", |progress| Patches::new(&tracer, &atlas, progress))?;
     let tracer = tracer.with_sides(patches.sides_of_walls());

@@ -17,6 +17,7 @@ pub use time::Time;
 use crate::atlas;
 use crate::bake::Error;
 use crate::base::Warning;
+use crate::light as lights;
 use crate::memory::Estimate;
 use crate::scene;
 use crate::settings::Settings;
@@ -82,7 +83,8 @@ pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
     let loaded = scene::load(input, &how)?;
     let scene = loaded.output;
     let how = settings.atlas();
-    let charted = atlas::build(&Tracer::new(&scene), &how)?;
+    let tracer = Tracer::new(&scene);
+    let charted = atlas::build(&tracer, &how)?;
     let atlas = charted.output;
     let memory = Estimate::new(&scene, &atlas, settings);
     let time = Time::new(&scene, &atlas, settings);
@@ -122,6 +124,7 @@ pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
             .chain(charted.warnings)
             .chain(scene.missing_materials())
             .chain(scene.nothing_lit())
+            .chain(lights::lost(&tracer))
             .collect(),
     })
 }

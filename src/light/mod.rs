@@ -18,6 +18,7 @@ mod hard;
 mod infinity;
 mod lit;
 mod look;
+mod lost;
 mod neighbors;
 mod piece;
 mod probe;
@@ -30,6 +31,7 @@ mod unhidden;
 
 pub use direct::{Direct, direct};
 pub use emitters::{Emitters, Source};
+pub use lost::lost;
 pub use probe::Probe;
 
 /// How to gather direct light.

@@ -103,7 +103,7 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
     footprint = footprint.with_lit(&geometry.parts, |p| geometry.copies.is_copied(p));
     footprint.admit(settings.memory_limit)?;
     let sizes = [settings.sun_angle, settings.light_radius];
-    let (lights, lights_groups) = punctual::read(&document.root, &walk, &profiles, sizes, &mut treater, &mut warnings)?;
+    let shining = punctual::read(&document.root, &walk, &profiles, sizes, &mut treater, &mut warnings)?;
     warnings.extend(treater.unused());
     let mut used = vec![false; materials.len()];
     geometry.parts.iter().for_each(|part| used[part.material] = true);
@@ -134,8 +134,9 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         parts: geometry.parts,
         materials,
         textures,
-        lights,
-        groups: Groups { lights: lights_groups, parts: parts_groups },
+        lights: shining.lights,
+        light_nodes: shining.nodes,
+        groups: Groups { lights: shining.groups, parts: parts_groups },
         sky: settings.sky,
         environment,
         cameras,

@@ -103,6 +103,8 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// Punctual lights in world space.
     pub lights: Vec<Light>,
+    /// Index of the node that each of them hangs on.
+    pub light_nodes: Vec<usize>,
     /// Which group each light and each part that glows belongs to.
     pub groups: Groups,
     /// Light from infinity in every direction.

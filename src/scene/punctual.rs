@@ -19,11 +19,14 @@ use core::f32::consts::FRAC_PI_2;
 use glam::{DMat4, Mat3};
 use std::sync::Arc;
 
-/// All lights of the visible nodes, in document order, and the names of their groups.
+/// All lights of the visible nodes, in document order.
 #[derive(Default)]
-struct Found {
-    lights: Vec<Light>,
-    groups: Vec<Option<String>>,
+pub(super) struct Found {
+    pub(super) lights: Vec<Light>,
+    /// Node of each.
+    pub(super) nodes: Vec<usize>,
+    /// Name of the group of each.
+    pub(super) groups: Vec<Option<String>>,
 }
 
 /// `sizes` overrides angle [rad] of every sun and radius [m] of every other light; `treater` knows what rules and
@@ -35,7 +38,7 @@ pub(super) fn read(
     sizes: [Option<f32>; 2],
     treater: &mut Treater<'_>,
     warnings: &mut Vec<Warning>,
-) -> Result<(Vec<Light>, Vec<Option<String>>), Error> {
+) -> Result<Found, Error> {
     let mut found = Found::default();
     for placed in walk.placed.iter().filter(|p| p.visible) {
         let (extensions, world) = (&root.nodes[placed.node].extensions, walk.worlds[placed.node]);
@@ -53,27 +56,28 @@ pub(super) fn read(
             })?;
             let (factor, group) = treater.light(placed.node, index);
             let profile = profiles.of_lights.get(&index);
-            found.add(convert(entry, world, profile, sizes, factor, &mut odd), group);
+            found.add(placed.node, convert(entry, world, profile, sizes, factor, &mut odd), group);
         }
         if let Some(reference) = &extensions.ies
             && let Some(index) = reference.light
             && let Some(profile) = profiles.measured.get(&index)
         {
             let (factor, group) = treater.profile(placed.node, index);
-            found.add(measured(reference, world, profile, sizes[1], factor, &mut odd), group);
+            found.add(placed.node, measured(reference, world, profile, sizes[1], factor, &mut odd), group);
         }
         if placed.animated {
             let what = format!("node {name} is animated: its light was baked where it stands at rest");
             warnings.push(Warning::new("animated-node", what).at(&name));
         }
     }
-    Ok((found.lights, found.groups))
+    Ok(found)
 }
 
 impl Found {
-    fn add(&mut self, light: Option<Light>, group: Option<String>) {
+    fn add(&mut self, node: usize, light: Option<Light>, group: Option<String>) {
         if let Some(light) = light {
             self.lights.push(light);
+            self.nodes.push(node);
             self.groups.push(group);
         }
     }

@@ -264,11 +264,11 @@ impl<'a> Tracer<'a> {
         let ray = Ray3 { origin: above, direction, t_max: 1.0, passes: triangle, clear: false };
         let faces = |other: u32, front: bool| !front && self.scene.geometric_normal(other).dot(normal) < FACE_TO_FACE;
         let seals = |other: u32| !solid::are_sides(self.scene, other, triangle) && counts(other);
-        let hit = self.nearest(ray).filter(|hit| faces(hit.triangle, hit.front))?;
-        if seals(hit.triangle) {
+        let hit = self.nearest(ray)?;
+        if faces(hit.triangle, hit.front) && seals(hit.triangle) {
             return Some(hit.triangle);
         }
-        // A chair may stand on a floor that has a ceiling as its other side.
+        // A chair may stand on a floor that has a ceiling as its other side, or lies there twice.
         let mut first: Option<(f32, u32)> = None;
         self.each_crossed(&ray, |c| {
             if c.triangle != triangle && !c.transparent && faces(c.triangle, c.front) && seals(c.triangle) {

@@ -34,6 +34,7 @@ mod image_light;
 mod layers;
 mod leaks;
 mod light;
+mod lost_light;
 mod mips;
 mod near;
 mod normal_maps;

@@ -67,9 +67,11 @@ fn a_crate_on_a_floor_that_is_the_ceiling_below_covers_it() {
         quads.extend(Quad::room([-1.0, -3.0 - gap, -1.0], [5.0, 3.0, 5.0], grey(0.6)));
         let crate_ = Quad::room([1.0, 0.0, 1.0], [1.0, 0.8, 1.0], grey(0.5));
         quads.extend(crate_.into_iter().map(|side| side.clone().facing(side.middle() - Vec3::new(1.5, 0.4, 1.5))));
-        tally(&bake(quads, Vec3::new(0.5, 2.2, 0.5)))
+        let lamp = json!({"type": "point", "intensity": 30.0});
+        let lit = Scene { quads, lights: vec![] }.with(lamp.clone(), Vec3::new(0.5, 2.2, 0.5), Vec3::Y);
+        tally(&lit.with(lamp, Vec3::new(0.5, -1.0 - gap, 0.5), Vec3::Y).bake(&OPTIONS))
     };
-    let (together, apart) = (scene(0.0), scene(0.1));
+    let (together, apart) = (scene(0.0), scene(0.125));
     assert_same(together.0, apart.0, 0.003);
     assert_eq!((together.2, apart.2), (0, 0), "the dark inside of the crate shows");
 }

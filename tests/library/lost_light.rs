@@ -1,0 +1,73 @@
+//! Lamps that are closed in, and suns that shine on backs alone, are told; lights that do what they should are not.
+
+use crate::quads::{Quad, Scene, grey};
+use glam::Vec3;
+use serde_json::{Value, json};
+
+/// A box around a place with its fronts outward, or inward.
+fn around(at: Vec3, half: f32, inward: bool, double_sided: bool) -> Vec<Quad> {
+    let mut material = grey(0.5);
+    material["doubleSided"] = json!(double_sided);
+    let sides = Quad::room((at - half).to_array(), [2.0 * half; 3], material);
+    let facing = |quad: Quad| {
+        let out = quad.middle() - at;
+        quad.facing(if inward { -out } else { out })
+    };
+    sides.into_iter().map(facing).collect()
+}
+
+fn light(kind: &str) -> Value {
+    let mut light = json!({"type": kind, "intensity": 3.0});
+    if kind == "spot" {
+        light["spot"] = json!({"outerConeAngle": 0.7});
+    }
+    light
+}
+
+/// What is told of lost lights.
+fn told(quads: Vec<Quad>, kind: &str, at: Vec3, from: Vec3) -> Vec<String> {
+    let options = ["--preset", "preview", "--texels-per-meter", "2", "--gather", "4"];
+    let baked = Scene { quads, lights: vec![] }.with(light(kind), at, from).bake(&options);
+    let warnings = baked.report["warnings"].as_array().unwrap().clone();
+    let lost = warnings.into_iter().filter(|w| w["code"] == "lost-light");
+    lost.map(|w| w["message"].as_str().unwrap().to_owned()).collect()
+}
+
+fn room() -> Vec<Quad> {
+    Quad::room([-4.0, 0.0, -4.0], [8.0, 3.0, 8.0], grey(0.5))
+}
+
+const LAMP: Vec3 = Vec3::new(0.5, 2.0, -0.3);
+
+#[test]
+fn a_lamp_within_its_bulb_is_told() {
+    for kind in ["point", "spot"] {
+        for [inward, double_sided] in [[false, false], [false, true], [true, false]] {
+            let quads = [room(), around(LAMP, 0.1, inward, double_sided)].concat();
+            let told = told(quads, kind, LAMP, Vec3::Y);
+            let [message] = &told[..] else { panic!("{kind} {inward} {double_sided}: {told:?}") };
+            assert!(message.contains("closed in") && message.contains("0.1"), "{message}");
+        }
+    }
+}
+
+#[test]
+fn a_lamp_in_a_room_or_in_a_shade_with_a_hole_is_not() {
+    let mut shade = around(LAMP, 0.1, false, true);
+    shade.retain(|side| side.middle().y > LAMP.y - 0.05);
+    for quads in [room(), [room(), shade].concat()] {
+        assert_eq!(told(quads, "point", LAMP, Vec3::Y), Vec::<String>::new());
+    }
+    // Out in the open, far from the only thing that there is.
+    let floor = Quad::floor(-1.0, 2.0, grey(0.5));
+    assert_eq!(told(vec![floor], "point", Vec3::Y * 50.0, Vec3::Y), Vec::<String>::new());
+}
+
+#[test]
+fn a_sun_outside_of_a_dome_is_told_and_one_over_a_floor_is_not() {
+    let floor = || Quad::floor(-2.0, 4.0, grey(0.5));
+    let dome = [vec![floor()], around(Vec3::ZERO, 8.0, true, false)].concat();
+    let told_of_dome = told(dome, "directional", Vec3::ZERO, Vec3::new(0.2, 1.0, 0.3));
+    assert!(told_of_dome.len() == 1 && told_of_dome[0].contains("next to nothing"), "{told_of_dome:?}");
+    assert_eq!(told(vec![floor()], "directional", Vec3::ZERO, Vec3::Y), Vec::<String>::new());
+}
