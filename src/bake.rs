@@ -155,6 +155,7 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     let turned = sides::turn(&tracer, &atlas, &mut patches, settings, &mut clock)?;
     warnings.extend(turned.warnings);
     let (graph, ways) = clock.timed("links", |progress| {
+        patches.find_overlaid(&tracer, progress);
         let graph = turned.graph.unwrap_or_else(|| PatchGraph::new(&patches, &tracer, progress));
         let ways = solve::held_ways(settings, &patches, &graph);
         (graph, ways)

@@ -270,9 +270,9 @@ impl<'a> Solver<'a> {
             })?;
         }
         let direct = mean(&self.direct);
-        // What casts no light reflects none, and passes on what it gets.
-        let casts = |i: usize| patches.casts(tracer.scene(), i);
-        let source = |i: usize| if casts(i) { direct[i] * patches.exposed_area(i) } else { Rgb::ZERO };
+        // What casts no light reflects none, and passes on what it gets; of two surfaces in one place one sends light on.
+        let sends = |i: usize| patches.is_met(i) && patches.casts(tracer.scene(), i);
+        let source = |i: usize| if sends(i) { direct[i] * patches.exposed_area(i) } else { Rgb::ZERO };
         let found = clock.timed("walk", |progress| {
             let tilts = (settings.direct == DirectMode::Gather).then(|| self.direct_tilts(setup, &direct));
             [0, 1].map(|half| {

@@ -14,6 +14,7 @@ use super::piece::Piece;
 use super::punctual;
 use super::site::Site;
 use super::tree::{Cut, Tree};
+use super::twice;
 use super::unhidden::MOST_PIECES;
 use crate::base::Rgb;
 use crate::base::color::luminance;
@@ -83,7 +84,8 @@ impl Emitters {
         let glows = |t: &u32| glowing[scene.part_index(*t)];
         let kept = |(i, light): (usize, &Light)| keep(Source::Light(i)).then(|| light.clone());
         let lights: Vec<Light> = scene.lights.iter().enumerate().filter_map(kept).collect();
-        let emissive: Vec<u32> = (0..scene.triangle_count() as u32).filter(glows).collect();
+        let all = (0..scene.triangle_count() as u32).filter(|t| scene.glows(scene.part(*t)));
+        let emissive: Vec<u32> = twice::once(scene, all).into_iter().filter(glows).collect();
         let pieces = divide::pieces(scene, &emissive);
         let mut triangles: Vec<u32> = pieces.iter().map(|p| p.triangle).collect();
         triangles.dedup();

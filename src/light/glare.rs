@@ -218,6 +218,9 @@ impl Glare {
     #[must_use]
     pub fn new(tracer: &Tracer<'_>, patches: &Patches, radiance: &[Rgb], light: &[f32]) -> Self {
         let sent = |i: usize| {
+            if !patches.is_met(i) {
+                return 0.0;
+            }
             let least = LEAST_AREA * patches.texel_edge(i).powi(2);
             mean(radiance[i]) * (patches.exposed_area(i) / least.max(f32::MIN_POSITIVE)).min(1.0)
         };

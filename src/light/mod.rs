@@ -27,6 +27,7 @@ pub mod shoot;
 mod site;
 mod slope;
 mod tree;
+mod twice;
 mod unhidden;
 
 pub use direct::{Direct, direct};

@@ -24,6 +24,7 @@ mod fragments;
 mod graph;
 mod hollows;
 mod laid;
+mod overlaid;
 mod party;
 mod pieces;
 mod place;
@@ -103,6 +104,8 @@ pub struct Patches {
     walled: Vec<bool>,
     /// By patch; empty if none lies in a hollow wall.
     hollows: Vec<Hollow>,
+    /// Patches that rays do not meet, ascending, and what they meet instead.
+    overlaid: Vec<(u32, u32)>,
     party: PartyWalls,
     surface: Laid,
     /// Charts whose front patches lie on the back of their triangles, ascending.

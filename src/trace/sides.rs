@@ -1,4 +1,5 @@
-//! What is met of a wall without thickness that has a surface for each of its two sides: the one that shows its front.
+//! What is met of surfaces in the same place: of a wall without thickness that has a surface for each of its two sides, the one
+//! that shows its front; of two that face the same way, one.
 //!
 //! In: a ray that meets a back first. Out: the front that lies in the same place, or the back.
 //!
@@ -10,7 +11,7 @@
 //! Only backs of single-sided surfaces that are known to be sides of walls are looked at again, as each costs a short ray; all
 //! are in pictures. Limit: what lets light pass is no front to look for.
 
-use super::{Ground, Hit, NO_TRIANGLE, Ray, Tracer};
+use super::{FACE_TO_FACE, Ground, Hit, NO_TRIANGLE, Ray, Ray3, Tracer};
 use crate::scene::Scene;
 use glam::{Vec2, Vec3};
 
@@ -53,6 +54,21 @@ impl Tracer<'_> {
             let b = weights_at(self.scene, triangle, self.scene.position(hit.triangle, hit.b));
             Hit { triangle, b, front: true, ..hit }
         })
+    }
+
+    /// What rays toward a side of a triangle meet at a point instead of it, in the same place: surface that faces the same way.
+    /// `None` where they meet the triangle itself.
+    #[must_use]
+    pub fn met_instead(&self, triangle: u32, b: Vec2, front: bool) -> Option<Hit> {
+        let ground = Ground::new(self.scene.corners(triangle));
+        let toward = if front { ground.normal() } else { -ground.normal() };
+        let [above, below] = [toward, -toward].map(|side| self.leave(&ground, b, side));
+        let direction = below.as_dvec3() - above.as_dvec3();
+        let ray = Ray3 { origin: above, direction, t_max: 1.0, passes: NO_TRIANGLE, clear: false };
+        let hit = self.nearest(ray).filter(|hit| hit.triangle != triangle)?;
+        let shows = hit.front || self.scene.material(hit.triangle).is_two_sided();
+        let is_level = self.scene.geometric_normal(hit.triangle).dot(toward).abs() > -FACE_TO_FACE;
+        (shows && is_level).then_some(hit)
     }
 
     /// What a ray meets, if the nearest hit is not the back of a wall that `is_side` says a triangle is a side of.

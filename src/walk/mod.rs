@@ -258,17 +258,22 @@ impl State {
     fn finish(mut self, patches: &Patches) -> Walk {
         let still = self.still_to_come();
         let late = if still > 0.0 { self.late.len() } else { 0 };
-        let left = parallel::map_light(late, |i| {
+        let mut left = parallel::map_light(late, |i| {
             let area = patches.exposed_area(i);
             if area > 0.0 { self.late[i] * still / area } else { 0.0 }
         });
+        if !left.is_empty() {
+            patches.share_with_overlaid(&mut left);
+        }
         let unshot = [0, 1, 2].map(|c| parallel::sum(self.unshot.len(), |i| f64::from(self.unshot[i][c])));
         self.ledger.push(Bounce { unshot, ..Bounce::default() });
         let per_area = |flux: &[Rgb]| {
-            parallel::map(flux.len(), |i| {
+            let mut light = parallel::map(flux.len(), |i| {
                 let area = patches.exposed_area(i);
                 if area > 0.0 { flux[i] / area } else { Rgb::ZERO }
-            })
+            });
+            patches.share_with_overlaid(&mut light);
+            light
         };
         Walk { direct: per_area(&self.direct), indirect: per_area(&self.indirect), left, ledger: self.ledger }
     }

@@ -39,6 +39,7 @@ mod mips;
 mod near;
 mod normal_maps;
 mod output;
+mod overlaid;
 mod party;
 mod quantized;
 mod ray_origins;
