@@ -160,7 +160,7 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
         let ways = solve::held_ways(settings, &patches, &graph);
         (graph, ways)
     })?;
-    let groups = groups::groups(&scene, settings.light_groups);
+    let groups = groups::groups(&scene, &light::moved(&tracer), settings.light_groups);
     let facts = write::Facts { request, tracer: &tracer, scene: &scene, atlas: &atlas, patches: &patches };
     let seams = clock.timed("seams", |progress| Seams::new(&tracer, &atlas, &patches, progress))?;
     let openness = if settings.wants_openness() {

@@ -1,10 +1,10 @@
 //! Light groups: the emitters of a scene, sorted by the name that the document gives them.
 //!
-//! In: the scene. Out: one set of emitters per group, in the order of their names; without groups, all in one. Lights
+//! In: the scene, and its lights where they shine from. Out: one set of emitters per group, in the order of their names; without groups, all in one. Lights
 //! and surfaces without a name are in `default`, sky and environment in `sky`.
 
 use crate::light::{Emitters, Source};
-use crate::scene::Scene;
+use crate::scene::{Light, Scene};
 use std::collections::BTreeSet;
 
 const UNNAMED: &str = "default";
@@ -17,12 +17,12 @@ pub(super) struct Group {
 }
 
 /// The groups of a scene that shine; everything in one group if they are not wanted.
-pub(super) fn groups(scene: &Scene, wanted: bool) -> Vec<Group> {
+pub(super) fn groups(scene: &Scene, lights: &[Light], wanted: bool) -> Vec<Group> {
     if !wanted {
-        return vec![Group { name: String::new(), emitters: Emitters::new(scene) }];
+        return vec![Group { name: String::new(), emitters: Emitters::of(scene, lights, |_| true) }];
     }
     let group = |name: &str| {
-        let emitters = Emitters::of(scene, |source| name_of(scene, source) == name);
+        let emitters = Emitters::of(scene, lights, |source| name_of(scene, source) == name);
         Group { name: name.to_owned(), emitters }
     };
     names(scene).into_iter().map(group).collect()
@@ -54,7 +54,7 @@ fn names(scene: &Scene) -> BTreeSet<&str> {
 mod tests {
     use super::*;
     use crate::base::Rgb;
-    use crate::scene::{Groups, Light, Sky};
+    use crate::scene::{Groups, Sky};
     use glam::Vec3;
 
     #[test]
@@ -67,9 +67,9 @@ mod tests {
             sky: Sky::constant(Rgb::ONE),
             ..Scene::default()
         };
-        let found = groups(&scene, true);
+        let found = groups(&scene, &scene.lights, true);
         assert_eq!(found.iter().map(|g| g.name.as_str()).collect::<Vec<_>>(), ["default", "key", "sky"]);
-        assert_eq!(groups(&scene, false).len(), 1);
-        assert_eq!(groups(&Scene::default(), true)[0].name, "default");
+        assert_eq!(groups(&scene, &scene.lights, false).len(), 1);
+        assert_eq!(groups(&Scene::default(), &[], true)[0].name, "default");
     }
 }

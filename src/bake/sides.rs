@@ -14,6 +14,7 @@ use super::solve::{Budget, Setup, Solver};
 use crate::atlas::Atlas;
 use crate::base::random::mix;
 use crate::base::{Warning, color};
+use crate::light;
 use crate::patches::{Before, PatchGraph, Patches};
 use crate::scene::{Light, Scene};
 use crate::settings::{Directional, Settings};
@@ -97,7 +98,7 @@ fn light(
     clock: &mut Clock<'_>,
 ) -> Result<Vec<f32>, Stop> {
     let settings = Settings { gather: 0, directional: Directional::None, ..settings.clone() };
-    let all = groups::groups(tracer.scene(), false);
+    let all = groups::groups(tracer.scene(), &light::moved(tracer), false);
     let setup = Setup { settings: &settings, tracer, patches, graph, ways: None, openness: &[] };
     let mut solver = Solver::new(&setup, &all[0].emitters, mix(settings.seed ^ SIDES));
     solver.pass(&setup, &Budget::new(&settings, patches, BUDGET, 0), clock)?;

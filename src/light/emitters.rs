@@ -73,17 +73,17 @@ impl Emitters {
     /// Collects what shines.
     #[must_use]
     pub fn new(scene: &Scene) -> Self {
-        Self::of(scene, |_| true)
+        Self::of(scene, &scene.lights, |_| true)
     }
 
-    /// Collects what shines and is kept.
+    /// Collects what shines and is kept, `lights` in the place of the scene's.
     #[must_use]
-    pub fn of(scene: &Scene, keep: impl Fn(Source) -> bool) -> Self {
+    pub fn of(scene: &Scene, lights: &[Light], keep: impl Fn(Source) -> bool) -> Self {
         let glowing = |p: usize| scene.glows(&scene.parts[p]) && keep(Source::Part(p));
         let glowing: Vec<bool> = (0..scene.parts.len()).map(glowing).collect();
         let glows = |t: &u32| glowing[scene.part_index(*t)];
         let kept = |(i, light): (usize, &Light)| keep(Source::Light(i)).then(|| light.clone());
-        let lights: Vec<Light> = scene.lights.iter().enumerate().filter_map(kept).collect();
+        let lights: Vec<Light> = lights.iter().enumerate().filter_map(kept).collect();
         let all = (0..scene.triangle_count() as u32).filter(|t| scene.glows(scene.part(*t)));
         let emissive: Vec<u32> = twice::once(scene, all).into_iter().filter(glows).collect();
         let pieces = divide::pieces(scene, &emissive);

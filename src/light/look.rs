@@ -192,6 +192,10 @@ impl<'a> Look<'a> {
     pub(super) fn light_and_passing(&mut self, place: &Place, light: &Light, u: Vec2) -> (Lit, f32) {
         let none = (Lit::default(), 0.0);
         let Some(seen) = punctual::seen_from(light, place.position, u) else { return none };
+        let is_flat = !seen.far && place.lift.is_none();
+        if is_flat && place.geometric.dot(seen.toward).abs() <= punctual::standing(light) {
+            return none;
+        }
         let toward = seen.toward.normalize_or_zero();
         let Some((cosine, origin)) = self.leave(place, toward) else { return none };
         let ray = if seen.far {

@@ -19,6 +19,7 @@ mod infinity;
 mod lit;
 mod look;
 mod lost;
+mod moved;
 mod neighbors;
 mod piece;
 mod probe;
@@ -33,6 +34,7 @@ mod unhidden;
 pub use direct::{Direct, direct};
 pub use emitters::{Emitters, Source};
 pub use lost::lost;
+pub use moved::moved;
 pub use probe::Probe;
 
 /// How to gather direct light.

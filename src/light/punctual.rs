@@ -28,11 +28,29 @@ pub(super) struct Seen {
     pub(super) illuminance: Rgb,
 }
 
+/// A light is on a surface within so much of its largest coordinate: eight steps and more.
+pub(super) const ROUNDING: f32 = 1.0 / (1 << 20) as f32;
+
 /// The light has a size, so its shadows have penumbrae.
 pub(super) fn is_soft(light: &Light) -> bool {
     match *light {
         Light::Sun { angle, .. } => angle > 0.0,
         Light::Point { radius, .. } | Light::Spot { radius, .. } | Light::Profiled { radius, .. } => radius > 0.0,
+    }
+}
+
+/// Height over a surface up to which a light without a size stands right on it [m]: there it shines away from it, and does not
+/// make a spot as bright as half of its flux on whatever texel is below.
+pub(super) fn standing(light: &Light) -> f32 {
+    match *light {
+        Light::Point { position, radius, .. }
+        | Light::Spot { position, radius, .. }
+        | Light::Profiled { position, radius, .. }
+            if radius <= 0.0 =>
+        {
+            4.0 * ROUNDING * position.abs().max_element()
+        }
+        _ => 0.0,
     }
 }
 

@@ -100,7 +100,7 @@ impl<'a> Sources<'a> {
             }
             Light::Point { position, intensity, radius, .. } => {
                 let direction = warp::square_to_sphere(u);
-                let ray = from_light(position, radius, direction, v);
+                let ray = from_light(light, position, radius, direction, v);
                 (ray, intensity * (4.0 * PI) * self.window(light, position, &ray))
             }
             Light::Spot { position, direction: axis, intensity, radius, cos_inner, cos_outer, .. } => {
@@ -108,12 +108,12 @@ impl<'a> Sources<'a> {
                 let direction = Frame::from_normal(axis).to_world(local);
                 let cone = ((local.z - cos_outer) / (cos_inner - cos_outer).max(0.001)).clamp(0.0, 1.0);
                 let flux = intensity * (2.0 * PI * (1.0 - cos_outer) * cone * cone);
-                let ray = from_light(position, radius, direction, v);
+                let ray = from_light(light, position, radius, direction, v);
                 (ray, flux * self.window(light, position, &ray))
             }
             Light::Profiled { position, axes, factor, radius, ref profile, .. } => {
                 let Some((local, lumens)) = profile.sample(u) else { return (nowhere(), Rgb::ZERO) };
-                let ray = from_light(position, radius, axes * local, v);
+                let ray = from_light(light, position, radius, axes * local, v);
                 (ray, factor * (lumens * self.window(light, position, &ray)))
             }
         }
@@ -147,8 +147,8 @@ impl<'a> Sources<'a> {
 }
 
 /// A line from a glowing sphere: those of one direction cover its disc evenly, as its radiance is even.
-fn from_light(position: Vec3, radius: f32, direction: Vec3, u: Vec2) -> Ray {
-    let mut origin = position;
+fn from_light(light: &Light, position: Vec3, radius: f32, direction: Vec3, u: Vec2) -> Ray {
+    let mut origin = position + direction * punctual::standing(light);
     if radius > 0.0 {
         let frame = Frame::from_normal(direction);
         let disc = warp::square_to_disk(u);

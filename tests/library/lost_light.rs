@@ -1,7 +1,8 @@
-//! Lamps that are closed in, and suns that shine on backs alone, are told; lights that do what they should are not.
+//! Lamps that are closed in, and suns that shine on backs alone, are told; lights that do what they should are not. Nor are
+//! lamps lost that stand right on a surface.
 
 use crate::quads::{Quad, Scene, grey};
-use glam::Vec3;
+use glam::{Quat, Vec3};
 use serde_json::{Value, json};
 
 /// A box around a place with its fronts outward, or inward.
@@ -61,6 +62,31 @@ fn a_lamp_in_a_room_or_in_a_shade_with_a_hole_is_not() {
     // Out in the open, far from the only thing that there is.
     let floor = Quad::floor(-1.0, 2.0, grey(0.5));
     assert_eq!(told(vec![floor], "point", Vec3::Y * 50.0, Vec3::Y), Vec::<String>::new());
+}
+
+/// Turned, it stands a step of rounding above or below. Half of its light would fall on the ceiling if it stood lower, nearly
+/// all of that on one texel.
+#[test]
+fn a_lamp_right_on_the_ceiling_lights_the_room_below_alone() {
+    for (double_sided, kind, flux) in [(false, "point", 2.0), (true, "point", 2.0), (true, "spot", 0.157)] {
+        for k in 0..6 {
+            let turn = Quat::from_rotation_y(0.7 * k as f32) * Quat::from_rotation_x(0.3 * k as f32);
+            let mut quads = around(Vec3::ZERO, 3.0, true, double_sided);
+            // The floor of a room above.
+            quads.push(Quad::floor(-8.0, 16.0, grey(0.5)));
+            quads.last_mut().unwrap().lift(3.5);
+            let quads = quads.into_iter().map(|quad| quad.turned(turn)).collect();
+            let lit =
+                Scene { quads, lights: vec![] }.with(light(kind), turn * Vec3::new(0.5, 3.0, -0.3), turn * Vec3::Y);
+            let options = ["--preset", "preview", "--texels-per-meter", "4", "--gather", "0"];
+            let baked = lit.bake(&options);
+            let power = baked.report["walk"]["power_in"][0].as_f64().unwrap();
+            let most = baked.page("lightmap0.exr").iter().fold(0.0f32, |most, t| most.max(t[0]));
+            assert!(most < 3.0, "{kind} {double_sided} {k}: a texel has {most}");
+            let right = flux * 3.0 * core::f64::consts::PI;
+            assert!((power / right - 1.0).abs() < 0.02, "{kind} {double_sided} {k}: {power} lm instead of {right}");
+        }
+    }
 }
 
 #[test]

@@ -89,6 +89,11 @@ impl Quad {
         Self { corner: self.corner + self.u, u: -self.u, ..self }
     }
 
+    /// Moves it up.
+    pub(crate) fn lift(&mut self, by: f32) {
+        self.corner.y += by;
+    }
+
     /// Its centre.
     pub(crate) fn middle(&self) -> Vec3 {
         self.corner + (self.u + self.v) / 2.0
