@@ -10,7 +10,7 @@
 //! Limits: a sample. A hole through which less than one ray in a few hundred finds may be overlooked, as a window far away
 //! may be that is all that a sun shines through; so may a light inside a larger room of its own.
 
-use super::punctual;
+use super::{moved, punctual};
 use crate::base::{Frame, Warning, parallel, warp};
 use crate::scene::{Light, Scene};
 use crate::trace::{Ray, Tracer};
@@ -42,14 +42,14 @@ struct Met {
 /// builds give the same to all scenes, closed rooms included.
 #[must_use]
 pub fn lost(tracer: &Tracer<'_>) -> Vec<Warning> {
-    let scene = tracer.scene();
-    let met = parallel::map(scene.lights.len(), |k| Met::of(tracer, &scene.lights[k]));
+    let (scene, lights) = (tracer.scene(), moved(tracer));
+    let met = parallel::map(lights.len(), |k| Met::of(tracer, &lights[k]));
     let name = |k: usize| {
         let node = scene.light_nodes.get(k).map(|node| scene.document.root.node_name(*node));
         node.unwrap_or_else(|| format!("light {k}"))
     };
     let warning = |(k, met): (usize, Met)| {
-        let far = matches!(scene.lights[k], Light::Sun { .. });
+        let far = matches!(lights[k], Light::Sun { .. });
         met.fault(tracer, &format!("the light of node {}", name(k)), far).map(|fault| fault.at(name(k)))
     };
     met.into_iter().enumerate().filter_map(warning).collect()
