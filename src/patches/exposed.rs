@@ -59,8 +59,9 @@ const MOST_POINTS: u32 = 8;
 /// The same for texels of more than [`MOST_LOOKS`] triangles.
 const CRUMPLED_POINTS: u32 = 2;
 
-/// Surfaces that may lie on one, each the other side of the one before.
-const MOST_SIDES: usize = 4;
+/// Surfaces that may lie on one, each the other side of the one before. More rounds only cost time where hundreds of faces
+/// lie in one plane.
+const MOST_SIDES: usize = 2;
 /// Share of the surface up to which sides of walls are too few for rays to meet them.
 const FEW_SIDES: f64 = 1e-3;
 

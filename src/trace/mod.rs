@@ -255,7 +255,8 @@ impl<'a> Tracer<'a> {
 
     /// What lies on this point of a triangle's front, face to face, as the foot of a chair on the floor, and `counts`; not
     /// the same triangle once more with its front on the other side, which makes a sheet with two sides. Rays that leave
-    /// the point start beyond that surface, as its distance is less than the push of [`Tracer::origin_on`].
+    /// the point start beyond that surface, as its distance is less than the push of [`Tracer::origin_on`]. Of many surfaces in
+    /// one place some are looked at.
     #[must_use]
     pub fn sealed_by(&self, ground: &Ground, triangle: u32, b: Vec2, counts: impl Fn(u32) -> bool) -> Option<u32> {
         let normal = ground.normal();
@@ -269,13 +270,14 @@ impl<'a> Tracer<'a> {
             return Some(hit.triangle);
         }
         // A chair may stand on a floor that has a ceiling as its other side, or lies there twice.
-        let mut first: Option<(f32, u32)> = None;
+        let (mut first, mut met): (Option<(f32, u32)>, usize) = (None, 0);
         self.each_crossed(&ray, |c| {
+            met += 1;
             if c.triangle != triangle && !c.transparent && faces(c.triangle, c.front) && seals(c.triangle) {
                 let this = (c.t, c.triangle);
                 first = Some(first.map_or(this, |first| if this < first { this } else { first }));
             }
-            true
+            met < solid::MOST_TOGETHER
         });
         first.map(|(_, other)| other)
     }

@@ -26,7 +26,7 @@ const MOST: usize = 256;
 const TOGETHER: f32 = 16.0 * f32::EPSILON;
 
 /// Triangles at one distance from which on they are not compared with each other.
-const MOST_TOGETHER: usize = 16;
+pub(super) const MOST_TOGETHER: usize = 16;
 
 impl Tracer<'_> {
     /// Of single-sided opaque surfaces with 0 < t < `t_max`, the nearest so many hold more backs than fronts, for some
