@@ -148,11 +148,13 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     let charted = clock.timed("atlas", |_| atlas::build(&tracer, &how))??;
     let atlas = charted.output;
     warnings.extend(charted.warnings);
-    warnings.extend(scene.missing_materials().into_iter().chain(scene.nothing_lit()).chain(light::lost(&tracer)));
+    let lights = light::moved(&tracer);
+    warnings
+        .extend(scene.missing_materials().into_iter().chain(scene.nothing_lit()).chain(light::lost(&tracer, &lights)));
     admit(&scene, &atlas, settings)?;
     let mut patches = clock.timed("patches", |progress| Patches::new(&tracer, &atlas, progress))?;
     let tracer = tracer.with_sides(patches.sides_of_walls());
-    let turned = sides::turn(&tracer, &atlas, &mut patches, settings, &mut clock)?;
+    let turned = sides::turn(&tracer, &lights, &atlas, &mut patches, settings, &mut clock)?;
     warnings.extend(turned.warnings);
     let (graph, ways) = clock.timed("links", |progress| {
         patches.find_overlaid(&tracer, progress);
@@ -160,7 +162,7 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
         let ways = solve::held_ways(settings, &patches, &graph);
         (graph, ways)
     })?;
-    let groups = groups::groups(&scene, &light::moved(&tracer), settings.light_groups);
+    let groups = groups::groups(&scene, &lights, settings.light_groups);
     let facts = write::Facts { request, tracer: &tracer, scene: &scene, atlas: &atlas, patches: &patches };
     let seams = clock.timed("seams", |progress| Seams::new(&tracer, &atlas, &patches, progress))?;
     let openness = if settings.wants_openness() {

@@ -1,7 +1,7 @@
 //! Light groups: the emitters of a scene, sorted by the name that the document gives them.
 //!
-//! In: the scene, and its lights where they shine from. Out: one set of emitters per group, in the order of their names; without groups, all in one. Lights
-//! and surfaces without a name are in `default`, sky and environment in `sky`.
+//! In: the scene, and its lights where they shine from. Out: one set of emitters per group, in the order of their names;
+//! without groups, all in one. Lights and surfaces without a name are in `default`, sky and environment in `sky`.
 
 use crate::light::{Emitters, Source};
 use crate::scene::{Light, Scene};

@@ -1,6 +1,6 @@
 //! Which side of double-sided surfaces the lightmap stores: the front, or the back where the front is never lit or seen.
 //!
-//! In: patches, and emitters of all groups. Out: patches with such charts turned, and a warning (`turned-side`) for each
+//! In: patches, and lights where they shine from. Out: patches with such charts turned, and a warning (`turned-side`) for each
 //! node that has some. Only charts come into question whose front looks into a narrow gap, into a slit, or, where nothing
 //! shines from infinity, into the void; what light both their sides get is found by a small bake without a gather, which
 //! costs nothing where there are none.
@@ -14,7 +14,6 @@ use super::solve::{Budget, Setup, Solver};
 use crate::atlas::Atlas;
 use crate::base::random::mix;
 use crate::base::{Warning, color};
-use crate::light;
 use crate::patches::{Before, PatchGraph, Patches};
 use crate::scene::{Light, Scene};
 use crate::settings::{Directional, Settings};
@@ -39,9 +38,10 @@ pub(super) struct Turned {
     pub(super) graph: Option<PatchGraph>,
 }
 
-/// Turns charts whose front is dark while their back is lit.
+/// Turns charts whose front is dark while their back is lit; `lights` in the place of the scene's.
 pub(super) fn turn(
     tracer: &Tracer<'_>,
+    lights: &[Light],
     atlas: &Atlas,
     patches: &mut Patches,
     settings: &Settings,
@@ -58,7 +58,7 @@ pub(super) fn turn(
         return Ok(Turned::default());
     }
     let graph = clock.timed("links", |progress| PatchGraph::new(patches, tracer, progress))?;
-    let lit = light(tracer, patches, &graph, settings, clock)?;
+    let lit = light(tracer, lights, patches, &graph, settings, clock)?;
     let charts = dark(patches, &averted, &lit);
     if charts.is_empty() {
         return Ok(Turned { warnings: vec![], graph: Some(graph) });
@@ -92,13 +92,14 @@ fn dark(patches: &Patches, averted: &[(u32, Before)], lit: &[f32]) -> Vec<u32> {
 /// Mean irradiance of all patches, roughly [lx].
 fn light(
     tracer: &Tracer<'_>,
+    lights: &[Light],
     patches: &Patches,
     graph: &PatchGraph,
     settings: &Settings,
     clock: &mut Clock<'_>,
 ) -> Result<Vec<f32>, Stop> {
     let settings = Settings { gather: 0, directional: Directional::None, ..settings.clone() };
-    let all = groups::groups(tracer.scene(), &light::moved(tracer), false);
+    let all = groups::groups(tracer.scene(), lights, false);
     let setup = Setup { settings: &settings, tracer, patches, graph, ways: None, openness: &[] };
     let mut solver = Solver::new(&setup, &all[0].emitters, mix(settings.seed ^ SIDES));
     solver.pass(&setup, &Budget::new(&settings, patches, BUDGET, 0), clock)?;

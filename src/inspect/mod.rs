@@ -124,7 +124,7 @@ pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
             .chain(charted.warnings)
             .chain(scene.missing_materials())
             .chain(scene.nothing_lit())
-            .chain(lights::lost(&tracer))
+            .chain(lights::lost(&tracer, &lights::moved(&tracer)))
             .collect(),
     })
 }

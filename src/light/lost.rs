@@ -1,6 +1,6 @@
 //! Lights that light nothing but what closes them in: a lamp within its bulb, a sun outside of a dome that stands for the sky.
 //!
-//! In: tracer. Out: a warning (`lost-light`) for each.
+//! In: tracer, and the lights where they shine from. Out: a warning (`lost-light`) for each.
 //!
 //! Punctual lights have no surface, so they are put where the lamp is that they stand for, often into its bulb. Renderers
 //! without shadows do not mind; baked, the room stays dark, and if others light it nobody knows why. Rays in the directions
@@ -10,7 +10,7 @@
 //! Limits: a sample. A hole through which less than one ray in a few hundred finds may be overlooked, as a window far away
 //! may be that is all that a sun shines through; so may a light inside a larger room of its own.
 
-use super::{moved, punctual};
+use super::punctual;
 use crate::base::{Frame, Warning, parallel, warp};
 use crate::scene::{Light, Scene};
 use crate::trace::{Ray, Tracer};
@@ -41,8 +41,8 @@ struct Met {
 /// Warns of punctual lights that light nothing, or only what is close around them. Of sky and environment nothing is said:
 /// builds give the same to all scenes, closed rooms included.
 #[must_use]
-pub fn lost(tracer: &Tracer<'_>) -> Vec<Warning> {
-    let (scene, lights) = (tracer.scene(), moved(tracer));
+pub fn lost(tracer: &Tracer<'_>, lights: &[Light]) -> Vec<Warning> {
+    let scene = tracer.scene();
     let met = parallel::map(lights.len(), |k| Met::of(tracer, &lights[k]));
     let name = |k: usize| {
         let node = scene.light_nodes.get(k).map(|node| scene.document.root.node_name(*node));

@@ -17,7 +17,7 @@ use super::facing::Contact;
 use super::solids::{PROBES, Solids, bounds_solids, rays_out};
 use crate::base::parallel;
 use crate::scene::Scene;
-use crate::trace::weights_at;
+use crate::trace::{Ground, Tracer, weights_at};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Points that are looked at of two triangles.
@@ -39,6 +39,11 @@ impl PartyWalls {
     /// Two triangles are such a pair.
     pub(super) fn has(&self, pair: [u32; 2]) -> bool {
         !self.pairs.is_empty() && self.pairs.contains(&sorted(pair))
+    }
+
+    /// What lies on a point face to face, and is not the other side of the wall that its triangle is one side of.
+    pub(super) fn sealed_by(&self, tracer: &Tracer<'_>, ground: &Ground, point: SurfacePoint) -> Option<u32> {
+        tracer.sealed_by(ground, point.triangle, point.b, |other| !self.has([point.triangle, other]))
     }
 
     /// A triangle belongs to one.

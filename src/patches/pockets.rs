@@ -17,7 +17,7 @@
 use super::cells::{MASK_GRID, cell_index};
 use super::exposed::{LEAST_EXPOSED, LOW};
 use super::turn::narrow;
-use super::{PatchGraph, Patches, SurfacePoint, readers};
+use super::{PatchGraph, Patches, readers};
 use crate::base::random::Stage;
 use crate::base::{Frame, Progress, Sets, Stream, parallel, warp};
 use crate::trace::{Ground, Ray, Tracer};
@@ -110,13 +110,6 @@ impl Patches {
         sets.numbers()
     }
 
-    /// Something lies on a point face to face.
-    fn is_sealed(&self, tracer: &Tracer<'_>, point: SurfacePoint) -> bool {
-        let ground = Ground::new(tracer.scene().corners(point.triangle));
-        let counts = |other: u32| !self.party.has([point.triangle, other]);
-        tracer.sealed_by(&ground, point.triangle, point.b, counts).is_some()
-    }
-
     /// Paths from these texels stay where it is narrow.
     fn is_sealed_place(&self, tracer: &Tracer<'_>, texels: &[u32]) -> bool {
         let (mut out, paths) = (0, (PATHS_PER_TEXEL * texels.len()).clamp(LEAST_PATHS, MOST_PATHS));
@@ -137,7 +130,8 @@ impl Patches {
         let scene = tracer.scene();
         let Some(point) = self.middle(tracer, patch) else { return true };
         // The bottom of a cupboard lies on it.
-        if !self.is_behind(patch) && self.is_sealed(tracer, point) {
+        let ground = || Ground::new(scene.corners(point.triangle));
+        if !self.is_behind(patch) && self.party.sealed_by(tracer, &ground(), point).is_some() {
             return false;
         }
         let limit = narrow(self.texel_edge(patch));

@@ -37,10 +37,9 @@ pub(super) struct Solids<'a> {
 }
 
 impl Solids<'_> {
-    /// What lies on a point face to face, and is not the other side of the wall that its triangle is one side of.
+    /// [`PartyWalls::sealed_by`].
     pub(super) fn sealed_by(self, ground: &Ground, point: SurfacePoint) -> Option<u32> {
-        let counts = |other: u32| !self.party.has([point.triangle, other]);
-        self.tracer.sealed_by(ground, point.triangle, point.b, counts)
+        self.party.sealed_by(self.tracer, ground, point)
     }
 }
 

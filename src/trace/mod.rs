@@ -260,9 +260,7 @@ impl<'a> Tracer<'a> {
     #[must_use]
     pub fn sealed_by(&self, ground: &Ground, triangle: u32, b: Vec2, counts: impl Fn(u32) -> bool) -> Option<u32> {
         let normal = ground.normal();
-        let [above, below] = [normal, -normal].map(|side| self.leave(ground, b, side));
-        let direction = below.as_dvec3() - above.as_dvec3();
-        let ray = Ray3 { origin: above, direction, t_max: 1.0, passes: triangle, clear: false };
+        let ray = Ray3 { passes: triangle, ..self.through(ground, b, normal) };
         let faces = |other: u32, front: bool| !front && self.scene.geometric_normal(other).dot(normal) < FACE_TO_FACE;
         let seals = |other: u32| !solid::are_sides(self.scene, other, triangle) && counts(other);
         let hit = self.nearest(ray)?;
@@ -280,6 +278,13 @@ impl<'a> Tracer<'a> {
             met < solid::MOST_TOGETHER
         });
         first.map(|(_, other)| other)
+    }
+
+    /// The short way through a point of a triangle, from a side of it to the other, between where rays start that leave it.
+    fn through(&self, ground: &Ground, b: Vec2, side: Vec3) -> Ray3 {
+        let [above, below] = [side, -side].map(|side| self.leave(ground, b, side));
+        let direction = below.as_dvec3() - above.as_dvec3();
+        Ray3 { origin: above, direction, t_max: 1.0, passes: NO_TRIANGLE, clear: false }
     }
 
     #[inline]

@@ -11,7 +11,7 @@
 //! Only backs of single-sided surfaces that are known to be sides of walls are looked at again, as each costs a short ray; all
 //! are in pictures. Limit: what lets light pass is no front to look for.
 
-use super::{FACE_TO_FACE, Ground, Hit, NO_TRIANGLE, Ray, Ray3, Tracer};
+use super::{FACE_TO_FACE, Ground, Hit, NO_TRIANGLE, Ray, Tracer};
 use crate::scene::Scene;
 use glam::{Vec2, Vec3};
 
@@ -62,10 +62,7 @@ impl Tracer<'_> {
     pub fn met_instead(&self, triangle: u32, b: Vec2, front: bool) -> Option<Hit> {
         let ground = Ground::new(self.scene.corners(triangle));
         let toward = if front { ground.normal() } else { -ground.normal() };
-        let [above, below] = [toward, -toward].map(|side| self.leave(&ground, b, side));
-        let direction = below.as_dvec3() - above.as_dvec3();
-        let ray = Ray3 { origin: above, direction, t_max: 1.0, passes: NO_TRIANGLE, clear: false };
-        let hit = self.nearest(ray).filter(|hit| hit.triangle != triangle)?;
+        let hit = self.nearest(self.through(&ground, b, toward)).filter(|hit| hit.triangle != triangle)?;
         let shows = hit.front || self.scene.material(hit.triangle).is_two_sided();
         let is_level = self.scene.geometric_normal(hit.triangle).dot(toward).abs() > -FACE_TO_FACE;
         (shows && is_level).then_some(hit)
