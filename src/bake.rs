@@ -10,6 +10,7 @@ mod directional;
 mod groups;
 mod html;
 mod layers;
+mod outputs;
 mod plan;
 mod power;
 mod refine;
@@ -71,6 +72,11 @@ impl Request {
     pub fn new(input: PathBuf, output: PathBuf, settings: Settings, preset: Preset) -> Self {
         let [usd, report, html, depfile, placer] = [const { None }; 5];
         Self { input, output, settings, preset, usd, report, html, depfile, also_read: vec![], placer }
+    }
+
+    /// Every file that was read for a scene.
+    fn inputs(&self, scene: &Scene) -> Vec<PathBuf> {
+        scene.document.files_read.iter().chain(&self.also_read).cloned().collect()
     }
 }
 
@@ -137,6 +143,7 @@ struct Solution {
 /// [`Error`]; then no output was touched.
 pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>) -> Result<Outcome, Error> {
     let settings = &request.settings;
+    outputs::check_early(request)?;
     let mut clock = Clock::new(observer, progress);
     let loaded = clock.timed("load", |_| load(&request.input, settings))??;
     let (mut scene, mut warnings) = (loaded.output, loaded.warnings);
@@ -152,6 +159,10 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     warnings
         .extend(scene.missing_materials().into_iter().chain(scene.nothing_lit()).chain(light::lost(&tracer, &lights)));
     admit(&scene, &atlas, settings)?;
+    let groups = groups::groups(&scene, &lights, settings.light_groups);
+    let group_names: Vec<&str> = groups.iter().map(|group| group.name.as_str()).collect();
+    let group_names = if settings.light_groups { &group_names[..] } else { &[] };
+    outputs::check(request, &request.inputs(&scene), atlas.pages, group_names)?;
     let mut patches = clock.timed("patches", |progress| Patches::new(&tracer, &atlas, progress))?;
     let tracer = tracer.with_sides(patches.sides_of_walls());
     let turned = sides::turn(&tracer, &lights, &atlas, &mut patches, settings, &mut clock)?;
@@ -162,7 +173,6 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
         let ways = solve::held_ways(settings, &patches, &graph);
         (graph, ways)
     })?;
-    let groups = groups::groups(&scene, &lights, settings.light_groups);
     let facts = write::Facts { request, tracer: &tracer, scene: &scene, atlas: &atlas, patches: &patches };
     let seams = clock.timed("seams", |progress| Seams::new(&tracer, &atlas, &patches, progress))?;
     let openness = if settings.wants_openness() {

@@ -11,7 +11,7 @@ use texelwalk::bake::{self, Observer, Request};
 use texelwalk::check::{self, Baked};
 use texelwalk::cli;
 use texelwalk::output::formats::Format;
-use texelwalk::output::{File, atomic, exr, png};
+use texelwalk::output::{File, atomic, exr, png, targets};
 use texelwalk::render::{Lightmaps, View};
 use texelwalk::scene;
 use texelwalk::settings::{Options, Preset, Target};
@@ -118,7 +118,7 @@ fn scene_exit(error: &scene::Error) -> Exit {
 
 fn output_exit(error: &output::Error) -> Exit {
     match error {
-        output::Error::Io { .. } => Exit::Io,
+        output::Error::Io { .. } | output::Error::Target { .. } => Exit::Io,
         output::Error::Invalid { .. } => Exit::Input,
         output::Error::Interrupted => Exit::Interrupted,
         output::Error::Scene(e) => scene_exit(e),
@@ -148,6 +148,8 @@ pub(crate) fn compare(typed: &cli::Compare) -> Outcome {
 }
 
 pub(crate) fn render(typed: &cli::Render, interrupt: &Interrupt) -> Outcome {
+    let output = [typed.output.as_path()];
+    may_be_written(&output, core::slice::from_ref(&typed.input))?;
     start_threads(None)?;
     let how = scene::Settings { scene: typed.scene, ..scene::Settings::default() };
     let scene = scene::load(&typed.input, &how).map_err(|e| (scene_exit(&e), e.to_string()))?.output;
@@ -156,6 +158,8 @@ pub(crate) fn render(typed: &cli::Render, interrupt: &Interrupt) -> Outcome {
         let path = typed.input.display();
         return Err((Exit::Input, format!("{path}: has no lightmap; bake it first, and render what bake wrote")));
     }
+    let inputs = [&scene.document.files_read[..], lightmaps.files_read()].concat();
+    may_be_written(&output, &inputs)?;
     let settings = render::Settings {
         width: typed.width,
         height: typed.height,
@@ -177,8 +181,7 @@ pub(crate) fn render(typed: &cli::Render, interrupt: &Interrupt) -> Outcome {
         png::picture(&typed.output, size, &picture.pixels)
     };
     let bytes = bytes.map_err(|e| (output_exit(&e), e.to_string()))?;
-    let inputs = &scene.document.files_read;
-    commit(&[(typed.output.clone(), bytes.into())], inputs, interrupt)?;
+    commit(&[(typed.output.clone(), bytes.into())], &inputs, interrupt)?;
     let scale = if settings.linear { "cd/m²".into() } else { format!("exposure {:+.2} stops", picture.exposure) };
     show::wrote(&format!("{} ({}, {scale})", typed.output.display(), picture.camera));
     Ok(Exit::Ok)
@@ -189,8 +192,16 @@ pub(crate) fn check(typed: &cli::Check, interrupt: &Interrupt) -> Outcome {
         check::Error::Scene(scene) => (scene_exit(scene), e.to_string()),
         check::Error::Lightmap(output) => (output_exit(output), e.to_string()),
     };
+    let on_stdout = typed.json.as_deref() == Some(Path::new("-"));
+    let json: Vec<&Path> = typed.json.as_deref().filter(|_| !on_stdout).into_iter().collect();
+    may_be_written(&json, core::slice::from_ref(&typed.input))?;
+    if let Some(folder) = &typed.pictures {
+        targets::check_folder(folder).map_err(|e| (output_exit(&e), e.to_string()))?;
+    }
     start_threads(typed.threads)?;
     let baked = Baked::load(&typed.input, typed.scene).map_err(failed)?;
+    let inputs = [&baked.scene.document.files_read[..], baked.lightmaps.files_read()].concat();
+    may_be_written(&json, &inputs)?;
     let settings = check::Settings { limits: typed.limits.iter().copied().collect(), padding: typed.padding };
     let report = check::check(&baked, &settings).map_err(failed)?;
     let mut files = vec![];
@@ -198,12 +209,9 @@ pub(crate) fn check(typed: &cli::Check, interrupt: &Interrupt) -> Outcome {
         files = check::pictures::take(&baked, &report, folder).map_err(|e| (output_exit(&e), e.to_string()))?;
     }
     let report = report.in_document(baked.scene.offset);
-    let on_stdout = typed.json.as_deref() == Some(Path::new("-"));
     let text = if on_stdout { report.to_json() } else { report.to_text() };
-    if let Some(path) = typed.json.as_ref().filter(|_| !on_stdout) {
-        files.push((path.clone(), report.to_json().into_bytes().into()));
-    }
-    commit(&files, &baked.scene.document.files_read, interrupt)?;
+    files.extend(json.into_iter().map(|path| (path.to_path_buf(), report.to_json().into_bytes().into())));
+    commit(&files, &inputs, interrupt)?;
     show::data(text.as_bytes())?;
     for (path, _) in &files {
         show::wrote(&path.display().to_string());
@@ -214,6 +222,12 @@ pub(crate) fn check(typed: &cli::Check, interrupt: &Interrupt) -> Outcome {
 
 fn is_exr(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr"))
+}
+
+/// Refuses outputs that could not be put in place, before any work is done for them.
+fn may_be_written(outputs: &[&Path], inputs: &[PathBuf]) -> Result<(), (Exit, String)> {
+    let checked = targets::check(outputs, inputs).and_then(|()| targets::check_folders(outputs));
+    checked.map_err(|e| (output_exit(&e), e.to_string()))
 }
 
 /// Puts the files of a command in place, unless somebody asks to stop before.

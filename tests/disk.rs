@@ -129,6 +129,91 @@ fn folders_that_cannot_be_written_to_are_code_4() {
     assert_eq!(files(&locked).len(), usize::from(everywhere));
 }
 
+/// Exit code and standard error of the program with these words, run in a folder.
+fn run(folder: &Path, words: &[&str]) -> (Option<i32>, String) {
+    let out = Command::new(PROGRAM).args(words).current_dir(folder).stdin(Stdio::null()).output().unwrap();
+    (out.status.code(), String::from_utf8_lossy(&out.stderr).into_owned())
+}
+
+#[test]
+fn outputs_that_cannot_be_are_refused_before_anything_is_read() {
+    let home = tempfile::tempdir().unwrap();
+    let at = |name: &str| home.path().join(name);
+    for pipe in ["pipe", "pipe.glb", "pipe.png", "pipe.usda", "a.lightmap0.exr"] {
+        assert!(Command::new("mkfifo").arg(at(pipe)).status().unwrap().success());
+    }
+    std::os::unix::fs::symlink("pipe", at("link")).unwrap();
+    fs::create_dir(at("folder")).unwrap();
+    // It would be told of, if it were read.
+    for file in ["in.glb", "file", "c.toml"] {
+        fs::write(at(file), "").unwrap();
+    }
+    let before = files_named(home.path()).len();
+    let bake = ["bake", "in.glb", "-o"];
+    let mut cases: Vec<(Vec<&str>, i32, &str)> = vec![
+        ([&bake[..], &["pipe.glb"]].concat(), 4, "pipe.glb: is a pipe"),
+        ([&bake[..], &["link"]].concat(), 4, "link: is a pipe"),
+        ([&bake[..], &["a.glb"]].concat(), 4, "a.lightmap0.exr: is a pipe"),
+        ([&bake[..], &["file/"]].concat(), 4, "cannot create the folder"),
+        ([&bake[..], &["new/b.glb", "--usd", "pipe.usda"]].concat(), 4, "pipe.usda: is a pipe"),
+        ([&bake[..], &["new/b.glb", "--report", "new/b.lightmap0.png"]].concat(), 3, "two outputs have this name"),
+        ([&bake[..], &["new/b.glb", "--config", "c.toml", "--html", "c.toml"]].concat(), 3, "the input c.toml"),
+        (vec!["render", "in.glb", "-o", "pipe.png"], 4, "pipe.png: is a pipe"),
+        (vec!["check", "in.glb", "--json", "link"], 4, "link: is a pipe"),
+        (vec!["check", "in.glb", "--json", "in.glb"], 3, "would overwrite the input"),
+        (vec!["check", "in.glb", "--pictures", "file"], 4, "cannot create the folder"),
+    ];
+    for option in ["--report", "--html", "--depfile"] {
+        for (name, message) in [
+            ("link", "link: is a pipe"),
+            ("folder", "folder: is a folder"),
+            ("file/a", "file: cannot create the folder"),
+            ("/proc/a", "/proc: cannot create files"),
+        ] {
+            cases.push(([&bake[..], &["new/b.glb", option, name]].concat(), 4, message));
+        }
+    }
+    for (words, code, message) in cases {
+        let (ended, said) = run(home.path(), &words);
+        assert!(ended == Some(code) && said.contains(message), "{words:?}: {ended:?} {said}");
+        assert_eq!(said.lines().count(), 1, "{words:?}: {said}");
+        assert_eq!(files_named(home.path()).len(), before, "{words:?}");
+    }
+}
+
+#[test]
+fn names_that_the_document_tells_are_checked_before_light_is_solved() {
+    let home = tempfile::tempdir().unwrap();
+    let input = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/cornell/cornell.gltf");
+    let quick = ["--preset", "preview", "--texels-per-meter", "4", "--gather", "1"];
+    let bake =
+        |words: &[&str]| run(home.path(), &[&["bake", input.to_str().unwrap(), "-o"], words, &quick[..]].concat());
+    let (code, said) = bake(&["a.glb", "--light-groups", "--report", "a.lightmap-default0.exr"]);
+    assert!(code == Some(3) && said.contains("two outputs have this name"), "{code:?} {said}");
+    assert!(said.contains("atlas") && !said.contains("direct"), "{said}");
+    assert!(files(home.path()).is_empty());
+
+    // Links stay, and lead to what is new.
+    fs::create_dir(home.path().join("far")).unwrap();
+    std::os::unix::fs::symlink("far/b.glb", home.path().join("link.glb")).unwrap();
+    for _ in 0..2 {
+        let (code, said) = bake(&["link.glb"]);
+        assert_eq!(code, Some(0), "{said}");
+        assert!(home.path().join("link.glb").is_symlink() && home.path().join("far/b.glb").is_file());
+    }
+    assert_eq!(files(&home.path().join("far")).len(), 1);
+
+    let page = home.path().join("link.lightmap0.exr");
+    let before = fs::read(&page).unwrap();
+    for words in
+        [["render", "link.glb", "-o", "link.lightmap0.exr"], ["check", "link.glb", "--json", "link.lightmap0.exr"]]
+    {
+        let (code, said) = run(home.path(), &words);
+        assert!(code == Some(3) && said.contains("would overwrite the input"), "{words:?}: {code:?} {said}");
+        assert!(fs::read(&page).unwrap() == before);
+    }
+}
+
 /// What a folder holds after a bake ended so, or what is wrong with it.
 type Judge<'a> = &'a dyn Fn(&Path, ExitStatus) -> Result<&'static str, String>;
 

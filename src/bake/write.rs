@@ -1,7 +1,7 @@
 //! The last step of a bake: file contents, report, depfile, and all of them onto the disk together.
 
 use super::clock::Clock;
-use super::{Error, Outcome, Request, Solution};
+use super::{Error, Outcome, Request, Solution, outputs};
 use crate::atlas::Atlas;
 use crate::base::{Warning, parallel};
 use crate::finish::Lightmap;
@@ -57,7 +57,7 @@ impl Facts<'_> {
         clock: &mut Clock<'_>,
     ) -> Result<Outcome, Error> {
         let request = self.request;
-        let inputs: Vec<PathBuf> = self.scene.document.files_read.iter().chain(&request.also_read).cloned().collect();
+        let inputs = request.inputs(self.scene);
         let (mut files, more) = clock.timed("encode", |_| self.encode(&results))??;
         warnings.extend(more);
         let pictures = match &request.html {
@@ -188,14 +188,11 @@ impl Facts<'_> {
         Ok(usd::write_usd(self.scene, light, &how)?)
     }
 
-    /// EXR files of each group, by page; files of other formats lie beside them.
+    /// EXR files of each group, by page.
     fn group_paths(&self, results: &Results) -> Vec<Vec<PathBuf>> {
         let document = names::document_path(&self.request.input, &self.request.output);
-        let words = names::words(results.groups.iter().map(|(name, _)| name.as_str()));
-        let file = |word: &str, k: usize| names::beside(&document, &format!("lightmap-{word}{k}.exr"));
-        let one =
-            |((_, map), word): (&(String, Lightmap), String)| (0..map.pages.len()).map(|k| file(&word, k)).collect();
-        results.groups.iter().zip(words).map(one).collect()
+        let names: Vec<&str> = results.groups.iter().map(|(name, _)| name.as_str()).collect();
+        outputs::group_paths(&document, &names, self.atlas.pages)
     }
 
     fn group_files(&self, results: &Results) -> Vec<report::LightGroup> {

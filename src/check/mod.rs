@@ -116,7 +116,7 @@ impl Baked {
 fn is_of_a_page(error: &output::Error, document: &Path) -> bool {
     match error {
         output::Error::Io { path, .. } | output::Error::Invalid { path, .. } => path != document,
-        output::Error::Scene(_) | output::Error::Interrupted => false,
+        output::Error::Target { .. } | output::Error::Scene(_) | output::Error::Interrupted => false,
     }
 }
 

@@ -8,7 +8,7 @@
 //! With a second process (`placer`) that holds even if this one is killed at any moment. Without, because nobody names
 //! the program or it does not start, a kill leaves temporaries or, between two renames, new files beside old ones.
 //!
-//! A file that was read is never replaced, under whatever name (links, hard links, `..`) it is reached.
+//! What [`targets`] refuses is never replaced. Files go where links lead that have their names; the links stay.
 
 use super::Contents;
 use super::Error;
@@ -20,6 +20,7 @@ use super::journal::Step;
 use super::names::parent;
 #[cfg(unix)]
 use super::placer::Placer;
+use super::targets;
 use std::fs::File;
 use std::io::ErrorKind;
 use std::io::Write;
@@ -39,72 +40,30 @@ const RANDOM_LETTERS: usize = 16;
 /// if this process is killed; `cancelled` is asked now and then until the renames begin.
 ///
 /// # Errors
-/// If an output is an input, a folder, or named twice; if the file system fails; if `cancelled` says so.
+/// If an output is an input, is there and no regular file, or is named twice; if the file system fails; if `cancelled` says so.
 pub fn commit(
     files: &[Output],
     inputs: &[PathBuf],
     placer: Option<&Path>,
     cancelled: &dyn Fn() -> bool,
 ) -> Result<(), Error> {
-    check_targets(files, inputs)?;
+    let paths: Vec<&Path> = files.iter().map(|(path, _)| path.as_path()).collect();
+    targets::check(&paths, inputs)?;
     if files.is_empty() {
         return Ok(());
     }
     let mut hands = Hands::new(placer);
     for (path, contents) in files {
-        hands.create_folder(parent(path))?;
-        hands.write(path, contents, cancelled)?;
+        let path = targets::followed(path)?;
+        hands.create_folder(parent(&path))?;
+        hands.write(&path, contents, cancelled)?;
     }
     if cancelled() {
         return Err(Error::Interrupted);
     }
     // Folders that did not exist a moment ago can still turn out to be aliases of each other or of an input's.
-    check_targets(files, inputs)?;
+    targets::check(&paths, inputs)?;
     hands.finish()
-}
-
-fn check_targets(files: &[Output], inputs: &[PathBuf]) -> Result<(), Error> {
-    for (i, (path, _)) in files.iter().enumerate() {
-        if path.file_name().is_none() || path.is_dir() {
-            return Err(Error::invalid(path, "is a folder; name a file"));
-        }
-        if let Some(input) = inputs.iter().find(|input| same_file(path, input)) {
-            return Err(Error::invalid(
-                path,
-                format!("would overwrite the input {}; choose another output", input.display()),
-            ));
-        }
-        if files[..i].iter().any(|(other, _)| same_file(path, other)) {
-            return Err(Error::invalid(path, "two outputs have this name"));
-        }
-    }
-    Ok(())
-}
-
-/// The two names lead to one file, or would if it existed.
-fn same_file(a: &Path, b: &Path) -> bool {
-    if a == b {
-        return true;
-    }
-    if let (Ok(a), Ok(b)) = (a.canonicalize(), b.canonicalize()) {
-        return a == b || same_inode(&a, &b);
-    }
-    let folder_of = |p: &Path| parent(p).canonicalize().ok();
-    a.file_name() == b.file_name() && folder_of(a).is_some() && folder_of(a) == folder_of(b)
-}
-
-#[cfg(unix)]
-fn same_inode(a: &Path, b: &Path) -> bool {
-    use std::os::unix::fs::MetadataExt;
-    match (a.metadata(), b.metadata()) {
-        (Ok(a), Ok(b)) => (a.dev(), a.ino()) == (b.dev(), b.ino()),
-        _ => false,
-    }
-}
-
-#[cfg(not(unix))]
-fn same_inode(_: &Path, _: &Path) -> bool {
-    false
 }
 
 /// What is on its way to the disk, known here and to the second process, if there is one.
@@ -247,6 +206,33 @@ mod tests {
         assert_eq!(ours.metadata().unwrap().permissions().mode(), plain.metadata().unwrap().permissions().mode());
     }
 
+    #[cfg(unix)]
+    #[test]
+    fn links_stay_and_pipes_are_no_files() {
+        use std::os::unix::fs::FileTypeExt;
+        let root = tempfile::tempdir().unwrap();
+        let at = |name: &str| root.path().join(name);
+        std::fs::create_dir(at("far")).unwrap();
+        std::fs::write(at("far/old"), "old").unwrap();
+        for (link, target) in [("a", "far/old"), ("b", "far/new/missing")] {
+            std::os::unix::fs::symlink(target, at(link)).unwrap();
+            commit(&[(at(link), b"new".to_vec().into())], &[], None, &never).unwrap();
+            assert_eq!(std::fs::read(at(target)).unwrap(), b"new");
+            assert_eq!(at(link).read_link().unwrap(), Path::new(target));
+        }
+        assert_eq!(names(&at("far")), ["new", "old"]);
+
+        let made = std::process::Command::new("mkfifo").arg(at("pipe")).status();
+        assert!(made.expect("this test needs mkfifo").success());
+        std::os::unix::fs::symlink("pipe", at("to-pipe")).unwrap();
+        for name in ["pipe", "to-pipe"] {
+            let error = commit(&[(at(name), vec![1].into())], &[], None, &never).unwrap_err();
+            assert!(matches!(error, Error::Target { .. }) && error.to_string().contains("is a pipe"), "{error}");
+            assert!(at(name).metadata().unwrap().file_type().is_fifo());
+        }
+        assert_eq!(names(root.path()), ["a", "b", "far", "pipe", "to-pipe"]);
+    }
+
     #[test]
     fn a_failure_leaves_nothing() {
         let root = tempfile::tempdir().unwrap();
@@ -258,7 +244,7 @@ mod tests {
 
         std::fs::create_dir(root.path().join("folder")).unwrap();
         let a_folder = (root.path().join("folder"), vec![2].into());
-        assert!(matches!(commit(&[good.clone(), a_folder], &[], None, &never), Err(Error::Invalid { .. })));
+        assert!(matches!(commit(&[good.clone(), a_folder], &[], None, &never), Err(Error::Target { .. })));
         assert!(matches!(commit(&[good.clone(), good], &[], None, &never), Err(Error::Invalid { .. })));
         assert_eq!(names(root.path()), ["file", "folder"]);
     }

@@ -5,8 +5,9 @@
 //! name. A document names one file as *the* page, so that readers that know a single URI keep working, and lists all of
 //! them only where there is more than the plain EXR.
 //!
-//! Nothing here writes to a file but [`atomic::commit`], which puts a whole set of files in place at once. The other
-//! functions return bytes, or [`Contents`] that make them in time, and the same bytes on every run and at any thread count.
+//! Nothing here writes to a file but [`atomic::commit`], which puts a whole set of files in place at once; [`targets`]
+//! tells before the work what it would refuse. The other functions return bytes, or [`Contents`] that make them in time,
+//! and the same bytes on every run and at any thread count.
 
 pub mod atomic;
 mod contents;
@@ -22,6 +23,7 @@ pub mod names;
 pub mod placer;
 pub mod png;
 pub mod report;
+pub mod targets;
 pub mod usd;
 
 pub use crate::base::splice;
@@ -51,6 +53,14 @@ pub enum Error {
         /// The file that it is about.
         path: PathBuf,
         /// What is wrong, where in the file, and what to do.
+        message: String,
+    },
+    /// What is there already must not be replaced by a file.
+    #[error("{}: {message}", path.display())]
+    Target {
+        /// The output.
+        path: PathBuf,
+        /// What it is, and what to do.
         message: String,
     },
     /// The source document turned out to be damaged when more of it was read.

@@ -17,11 +17,14 @@ use crate::scene::Document;
 use crate::scene::Scene;
 use glam::Vec2;
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 /// Pages, and what every material does with them.
 #[derive(Debug, Default)]
 pub struct Lightmaps {
     pages: Vec<ImageF32>,
+    /// The files that hold them.
+    files_read: Vec<PathBuf>,
     /// By material of the document.
     materials: Vec<Option<Lightmap>>,
     /// Irradiance at vertices by part [lx]; empty for parts without.
@@ -107,6 +110,7 @@ impl Lightmaps {
                         ))
                     })?;
                     out.pages.push(formats::read(&path, coding)?);
+                    out.files_read.push(path);
                     by_texture.insert(texture, out.pages.len() - 1);
                     out.pages.len() - 1
                 }
@@ -157,6 +161,12 @@ impl Lightmaps {
     #[must_use]
     pub fn pages(&self) -> &[ImageF32] {
         &self.pages
+    }
+
+    /// The files that the pages were read from.
+    #[must_use]
+    pub fn files_read(&self) -> &[PathBuf] {
+        &self.files_read
     }
 
     /// The pages, to be changed.

@@ -79,6 +79,13 @@ struct Bake<'a> {
 /// A material that also knows of light: of the source, and the page it reads; `None` = at vertices.
 type Baked = (usize, Option<u32>);
 
+/// The files of the layers: geometry, light, and `output` that composes them.
+#[must_use]
+pub fn layers(output: &Path) -> [PathBuf; 3] {
+    let beside = |suffix| names::beside(output, suffix);
+    [beside("geometry.usda"), beside("lightmap.usda"), output.to_path_buf()]
+}
+
 /// The layers and images, the layer that composes the others last.
 ///
 /// # Errors
@@ -94,8 +101,7 @@ pub fn write_usd(scene: &Scene, light: Light<'_>, settings: &Settings) -> Result
     }
     let bake = Bake { scene, light, settings, paths: Paths::new(scene) };
     let images = Images::new(scene, &settings.output)?;
-    let geometry = names::beside(&settings.output, "geometry.usda");
-    let lightmap = names::beside(&settings.output, "lightmap.usda");
+    let [geometry, lightmap, _] = layers(&settings.output);
     let view = view::layer(&bake, &[&lightmap, &geometry])?;
     let mut files = images.files.clone();
     files.push((geometry, geometry::layer(&bake, &images).into()));
