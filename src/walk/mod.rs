@@ -136,7 +136,7 @@ pub fn walk(
     let mut state = State::new(patches, unshot, ratio);
     let mut arrivals = Arrivals::new(patches.len());
     if let Some(emitted) = emitted {
-        let lines = state.lines_for(Some(emitted), settings);
+        let lines = state.lines_for(Some(emitted), 0, settings);
         let landed = shooter.emitted(emitted, lines, &mut arrivals);
         state.turn(patches, &landed);
         state.direct = landed.received;
@@ -144,7 +144,7 @@ pub fn walk(
     let limit = settings.bounces.unwrap_or(u32::MAX);
     let mut marks = vec![];
     for bounce in 0..limit {
-        let lines = state.lines_for(None, settings);
+        let lines = state.lines_for(None, bounce, settings);
         if lines == 0 {
             break;
         }
@@ -204,8 +204,9 @@ impl State {
         }
     }
 
-    /// Lines for the next iteration: the share of what is left of the budget that its power has in all power to come.
-    fn lines_for(&self, emitted: Option<&EmittedLines<'_>>, settings: &Settings) -> u64 {
+    /// Lines for the next iteration, the emitted ones or those of reflection `bounce`, from 0: the share of what is left of
+    /// the budget that its power has in all power to come.
+    fn lines_for(&self, emitted: Option<&EmittedLines<'_>>, bounce: u32, settings: &Settings) -> u64 {
         let left = settings.lines.saturating_sub(self.spent);
         let to_come = self.to_come();
         let ratio = self.ratio(to_come);
@@ -221,7 +222,7 @@ impl State {
         if self.is_negligible(future) {
             return 0;
         }
-        let last = settings.bounces.is_some_and(|limit| self.ledger.len() as u32 + 1 >= limit);
+        let last = settings.bounces.is_some_and(|limit| bounce + 1 >= limit);
         let share = if last { 1.0 } else { 1.0 - ratio };
         (left as f64 * share) as u64
     }

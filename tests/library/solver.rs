@@ -180,6 +180,31 @@ fn furnaces_have_the_radiosity_of_the_closed_form() {
     }
 }
 
+#[test]
+fn light_bounces_as_often_as_it_may() {
+    let scene = load("furnace/furnace-0.5.gltf");
+    let stage = Stage::new(&scene, 8.0);
+    let direct = stage.direct(16);
+    for limit in 0..5u32 {
+        let settings = walk::Settings {
+            splat: Splat::None,
+            lines: 1_000_000,
+            bounces: Some(limit),
+            low_discrepancy: true,
+            seed: 3,
+        };
+        let exact: f64 = (0..=limit).map(|k| 0.5f64.powi(k as i32)).sum();
+        for shot in [false, true] {
+            let walk = stage.walk_with((!shot).then_some(&direct), &settings);
+            let first = if shot { &walk.direct } else { &direct };
+            let total: Vec<Rgb> = first.iter().zip(&walk.indirect).map(|(a, b)| *a + *b).collect();
+            let mean = stage.mean(&total, |_| true);
+            assert!((mean / exact - 1.0).abs() < 5e-3, "{limit} bounces, shot {shot}: {mean} against {exact}");
+            assert_eq!(walk.ledger.len(), limit as usize + 1 + usize::from(shot));
+        }
+    }
+}
+
 fn ledger_closes(walk: &Walk) {
     for (k, b) in walk.ledger.iter().filter(|b| b.lines > 0).enumerate() {
         for c in 0..3 {
