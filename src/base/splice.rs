@@ -13,6 +13,7 @@ use serde::de::SeqAccess;
 use serde::de::Visitor;
 use serde_json::value::RawValue;
 use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 
 /// Why an edit is impossible: the text is no JSON, or an array or object was expected and something else is there.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -175,6 +176,8 @@ pub struct Splice<'a> {
     replaced: BTreeMap<usize, (usize, String)>,
     /// Position after the last child → what goes there.
     added: BTreeMap<usize, Addition>,
+    /// Positions after the last child of arrays of which nothing stays.
+    emptied: BTreeSet<usize>,
 }
 
 struct Addition {
@@ -189,7 +192,7 @@ impl<'a> Splice<'a> {
     /// No edits yet.
     #[must_use]
     pub fn new(source: &'a str) -> Self {
-        Self { source, replaced: BTreeMap::new(), added: BTreeMap::new() }
+        Self { source, replaced: BTreeMap::new(), added: BTreeMap::new(), emptied: BTreeSet::new() }
     }
 
     /// Puts `text` in the place of `element`. A second replacement of the same element wins.
@@ -265,6 +268,24 @@ impl<'a> Splice<'a> {
         Ok(())
     }
 
+    /// Takes all items but the first `kept` out of an array. To be called before something is appended, which then follows
+    /// those.
+    ///
+    /// # Errors
+    /// If `array` is not one.
+    pub fn truncate(&mut self, array: &Element<'_>, kept: usize) -> Result<(), Fault> {
+        if !array.text.starts_with('[') {
+            return fault(format!("expected an array in place of `{}`", shortened(array.text)));
+        }
+        let items = array.items();
+        if let Some(last) = items.last().filter(|_| kept < items.len()) {
+            let start = kept.checked_sub(1).map_or(array.start + 1, |k| items[k].end());
+            self.replaced.insert(start, (last.end(), String::new()));
+            self.emptied.extend((kept == 0).then_some(last.end()));
+        }
+        Ok(())
+    }
+
     /// Appends values to the array at `key` of an object, which is made if it is missing.
     ///
     /// # Errors
@@ -282,11 +303,9 @@ impl<'a> Splice<'a> {
     fn add(&mut self, container: &Element<'_>, last: Option<&Element<'_>>, texts: Vec<String>) {
         let at = last.map_or(container.start + 1, Element::end);
         let space = || space_before_last(container, last);
+        let comma = last.is_some() && !self.emptied.contains(&at);
         let entry = self.added.entry(at);
-        entry
-            .or_insert_with(|| Addition { space: space(), comma: last.is_some(), texts: Vec::new() })
-            .texts
-            .extend(texts);
+        entry.or_insert_with(|| Addition { space: space(), comma, texts: Vec::new() }).texts.extend(texts);
     }
 
     /// The text with all edits.

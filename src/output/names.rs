@@ -1,7 +1,8 @@
 //! Names of the files of a bake, and the relative URIs by which they refer to each other.
 //!
 //! A URI is a relative path with forward slashes, every byte outside RFC 3986's unreserved set percent-encoded. A URI
-//! that the input already had keeps its spelling; when the output lies in another folder it only gets a prefix.
+//! that the input already had keeps its spelling; when the output lies in another folder it only gets a prefix, less what
+//! it would go back from at once: what is baked again and again does not depend on the folders in between.
 
 use super::Error;
 use super::directional::Texture;
@@ -112,14 +113,24 @@ pub fn uri_prefix(from: &Path, of: &Path) -> Result<String, Error> {
     Ok(uri)
 }
 
-/// Adds `prefix` to a URI unless it is absolute (`data:`, `https:`, `/…`) or empty.
+/// Adds `prefix`, as [`uri_prefix`] makes it, to a URI unless it is absolute (`data:`, `https:`, `/…`) or empty. Folders of
+/// the prefix that the URI leaves again are left out.
 #[must_use]
 pub fn rebased(uri: &str, prefix: &str) -> String {
     let scheme = uri.find(':').is_some_and(|colon| {
         uri[..colon].chars().all(|c| c.is_ascii_alphanumeric() || "+-.".contains(c))
             && uri.starts_with(|c: char| c.is_ascii_alphabetic())
     });
-    if scheme || uri.starts_with('/') || uri.is_empty() { uri.to_owned() } else { format!("{prefix}{uri}") }
+    if scheme || uri.starts_with('/') || uri.is_empty() {
+        return uri.to_owned();
+    }
+    let (mut before, mut rest) = (prefix, uri);
+    while let Some(above) = rest.strip_prefix("../") {
+        let outer = before.strip_suffix('/').map(|folder| &before[..folder.rfind('/').map_or(0, |slash| slash + 1)]);
+        let Some(outer) = outer.filter(|outer| &before[outer.len()..] != "../") else { break };
+        (before, rest) = (outer, above);
+    }
+    format!("{before}{rest}")
 }
 
 /// Percent-encodes one path component.
@@ -263,6 +274,11 @@ mod tests {
     fn only_relative_uris_are_rebased() {
         assert_eq!(rebased("t%20ex.png", "../in/"), "../in/t%20ex.png");
         assert_eq!(rebased("sub/a:b.png", "../in/"), "../in/sub/a:b.png");
+        assert_eq!(rebased("../../tx/a%20b.png", "../o1/"), "../../tx/a%20b.png");
+        assert_eq!(rebased("../a/../b.png", "../../x%20y/z/"), "../../x%20y/a/../b.png");
+        assert_eq!(rebased("../../../b.png", "../x/"), "../../../b.png");
+        assert_eq!(rebased("../b.png", ""), "../b.png");
+        assert_eq!(rebased("../../b.png", "sub/"), "../b.png");
         for fixed in ["data:image/png;base64,AA==", "https://x/y.png", "/root.png", ""] {
             assert_eq!(rebased(fixed, "../in/"), fixed);
         }

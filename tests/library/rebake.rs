@@ -2,7 +2,9 @@
 
 use crate::quads::{Baked, Quad, Scene, bake_file, bake_fixture, grey};
 use glam::Vec3;
+use serde_json::Value;
 use std::fs;
+use std::path::Path;
 
 const OPTIONS: [&str; 8] = ["--texels-per-meter", "10", "--gather", "2", "--lines", "1000", "--aov", "position"];
 
@@ -73,6 +75,42 @@ fn a_scene_of_several_pages_keeps_each_of_them() {
     assert!(first.report["atlas"]["pages"].as_u64() > Some(1));
     // On fewer pages than the density needs.
     stays("office/office.glb", &["--texels-per-meter", "16", "--page-size", "256", "--max-pages", "2", "--mips", "2"]);
+}
+
+/// How many samplers, images and textures a document has.
+fn counts(document: &Value) -> [usize; 3] {
+    ["samplers", "images", "textures"].map(|key| document[key].as_array().map_or(0, Vec::len))
+}
+
+/// The document of a GLB or glTF.
+fn document(path: &Path) -> Value {
+    let scene = texelwalk::scene::load(path, &texelwalk::scene::Settings::default()).unwrap().output;
+    serde_json::from_str(&scene.document.json).unwrap()
+}
+
+#[test]
+fn bakes_in_a_row_leave_one_lightmap_and_the_same_paths() {
+    let mut bakes = vec![bake_fixture("cornell/cornell.gltf", &OPTIONS)];
+    for _ in 0..3 {
+        bakes.push(bake_file(&bakes[bakes.len() - 1].path("out.gltf"), &OPTIONS));
+    }
+    let documents: Vec<Value> = bakes.iter().map(Baked::document).collect();
+    for document in &documents {
+        assert_eq!(counts(document), [1, 1, 1]);
+        assert_eq!(document["textures"][0]["extras"]["lightmap"]["uri"], "out.lightmap0.exr");
+        assert_eq!(document["buffers"][0]["uri"], documents[0]["buffers"][0]["uri"]);
+    }
+    assert!(documents[0]["buffers"][0]["uri"].as_str().unwrap().starts_with("../"));
+
+    // Fewer pages than before, beside pictures of the document's own.
+    let source = counts(&document(&Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/office/office.glb")));
+    let several = ["--gather", "1", "--lines", "1000", "--texels-per-meter", "6", "--page-size", "96"];
+    let first = bake_fixture("office/office.glb", &several);
+    let pages = first.report["atlas"]["pages"].as_u64().unwrap() as usize;
+    assert!(pages > 1);
+    assert_eq!(counts(&first.document()), [source[0] + 1, source[1] + pages, source[2] + pages]);
+    let one = bake_file(&first.path("out.gltf"), &[&several[..6], &["--uv", "generate"]].concat());
+    assert_eq!(counts(&one.document()), source.map(|n| n + 1));
 }
 
 #[test]

@@ -13,6 +13,7 @@
 //! Source: glTF 2.0, section 4.4 (GLB layout), section 3.6.1.2 (the GLB-stored buffer is the first).
 
 use super::append::Append;
+use super::former::Former;
 use crate::base::Warning;
 use crate::output::Contents;
 use crate::output::Error;
@@ -68,6 +69,7 @@ impl<'a> Container<'a> {
         splice: &mut Splice<'a>,
         root: &Element<'a>,
         append: Append,
+        former: &Former,
         warnings: &mut Vec<Warning>,
     ) -> Result<Bytes, Error> {
         let mut bytes = Bytes::default();
@@ -108,12 +110,12 @@ impl<'a> Container<'a> {
         splice.append_at(root, "bufferViews", appended.views).map_err(fault)?;
         splice.append_at(root, "accessors", appended.accessors).map_err(fault)?;
         let skipped = usize::from(moved_into_bin.is_some());
-        self.rebase(splice, self.buffers.iter().skip(skipped), "uri")?;
-        self.rebase(splice, root.array("images").iter(), "uri")?;
+        self.rebase(splice, at(self.buffers.iter().skip(skipped), "uri"))?;
+        self.rebase(splice, at(root.array("images").iter().take(former.images), "uri"))?;
         let lights = |name: &str| root.find(&["extensions", name]).map(|e| e.array("lights")).unwrap_or_default();
-        self.rebase(splice, lights("EXT_lights_ies").iter(), "uri")?;
+        self.rebase(splice, at(lights("EXT_lights_ies").iter(), "uri"))?;
         let wishes = lights("KHR_lights_punctual").into_iter().filter_map(|l| l.find(&["extras", "texelwalk"]));
-        self.rebase(splice, wishes.collect::<Vec<_>>().iter(), "ies")?;
+        self.rebase(splice, at(wishes.collect::<Vec<_>>().iter(), "ies"))?;
         if !self.glb && !self.document.extra_chunks.is_empty() {
             let message = "GLB chunks other than JSON and BIN cannot be kept in a .gltf file; they were dropped";
             warnings.push(Warning::new("glb-chunk-dropped", message));
@@ -136,17 +138,9 @@ impl<'a> Container<'a> {
     }
 
     /// Turns what leads from the input's folder to files so that it leads there from the output's.
-    fn rebase<'e>(
-        &self,
-        splice: &mut Splice<'a>,
-        elements: impl Iterator<Item = &'e Element<'a>>,
-        key: &str,
-    ) -> Result<(), Error>
-    where
-        'a: 'e,
-    {
+    fn rebase(&self, splice: &mut Splice<'a>, uris: Vec<Element<'a>>) -> Result<(), Error> {
         let prefix = uri_prefix(parent(self.output), parent(&self.document.path))?;
-        for uri in elements.filter_map(|e| e.get(key)) {
+        for uri in uris {
             let old = uri.string().unwrap_or_default();
             let new = rebased(&old, &prefix);
             if new != old {
@@ -189,6 +183,11 @@ impl<'a> Container<'a> {
         })?;
         Ok(length.to_le_bytes())
     }
+}
+
+/// What elements have at `key`.
+fn at<'e, 'a: 'e>(elements: impl Iterator<Item = &'e Element<'a>>, key: &str) -> Vec<Element<'a>> {
+    elements.filter_map(|e| e.get(key)).collect()
 }
 
 /// A buffer object with another place and length, its other members kept.

@@ -33,7 +33,8 @@ impl Users {
 
     /// Index of the material for every (source material, use), with the source of each copy in order.
     pub(super) fn assign(&self, existing: usize) -> Assigned {
-        let mut assigned = Assigned { index: BTreeMap::new(), in_place: Vec::new(), copies: Vec::new() };
+        let used = self.uses.keys().flatten().copied().collect();
+        let mut assigned = Assigned { used, index: BTreeMap::new(), in_place: Vec::new(), copies: Vec::new() };
         for (&source, uses) in &self.uses {
             let mut free = source.filter(|_| !uses.contains(&None));
             for &lightmap in uses.iter().flatten() {
@@ -53,6 +54,7 @@ impl Users {
 
 /// The materials of the output.
 pub(super) struct Assigned {
+    used: BTreeSet<usize>,
     index: BTreeMap<(Option<usize>, Use), usize>,
     in_place: Vec<(usize, Use)>,
     copies: Vec<(Option<usize>, Use)>,
@@ -69,6 +71,16 @@ impl Assigned {
             }
         }
         Ok(())
+    }
+
+    /// A primitive has this material of the document.
+    pub(super) fn is_used(&self, material: usize) -> bool {
+        self.used.contains(&material)
+    }
+
+    /// This material of the document is edited.
+    pub(super) fn edits(&self, material: usize) -> bool {
+        self.in_place.iter().any(|&(source, _)| source == material)
     }
 
     /// The material to use instead of `source` with a lightmap.

@@ -18,14 +18,15 @@
 //!
 //! Vertex light goes another way with the same parts: `vertex`.
 //!
-//! Instances of `EXT_mesh_gpu_instancing` were made nodes of before (`scene`). Nothing is renumbered or taken away;
-//! every byte of the JSON outside of these places stays.
+//! Instances of `EXT_mesh_gpu_instancing` were made nodes of before (`scene`). Nothing is renumbered, nothing taken away but
+//! what a former bake has left (`former`); every byte of the JSON outside of these places stays.
 //!
 //! Known limits: animations that point into a material do not reach its copies for further pages. With `extras` of a
 //! scene that is no object there is no place for the manifest; the textures still name the EXR files.
 
 mod append;
 mod container;
+mod former;
 mod interpolate;
 mod material;
 mod mesh;
@@ -56,6 +57,7 @@ use crate::base::Warning;
 use crate::scene::Scene;
 use append::Append;
 use container::Container;
+use former::Former;
 use material::Use;
 use material::with_lightmap;
 use mesh::Meshes;
@@ -129,6 +131,8 @@ pub fn write_gltf(
     let elements = Elements::new(&root);
     let instances = plan::lightmapped(scene, atlas, &elements, &mut warnings)?;
     let materials = plan::material_users(&instances, &elements, Baked::uses).assign(elements.materials.len());
+    let scenes = scenes_of(&root, &elements, &instances);
+    let former = Former::new(&root, &elements, &materials, scenes, !instances.is_empty());
     let append = Append::new(root.array("bufferViews").len(), elements.accessors.len());
     let mut meshes = Meshes::new(scene, atlas, &elements, &materials, append);
     meshes.quantize_uv = settings.quantize_uv;
@@ -136,18 +140,19 @@ pub fn write_gltf(
 
     let texts: Result<Vec<String>, Error> = instances.iter().map(|i| meshes.mesh(i, &mut warnings)).collect();
     place_meshes(&mut splice, &root, &elements, &instances, texts?).map_err(fault)?;
+    former.leave_out(&mut splice, &root, &elements).map_err(fault)?;
     if !instances.is_empty() {
         let uris = PageUris::new(pages, settings)?;
-        let first_texture = root.array("textures").len();
+        let first_texture = former.textures;
         let edit = |text: &str, l: Use| with_lightmap(text, first_texture + l.page as usize, l.set, settings.quantity);
         materials.write(&mut splice, &root, edit).map_err(fault)?;
-        textures(&mut splice, &root, &uris).map_err(fault)?;
+        textures(&mut splice, &root, &uris, &former).map_err(fault)?;
         let manifest = manifest(scene, atlas, &uris, first_texture, settings.quantity);
         manifests(&mut splice, &root, &elements, &instances, &manifest, &mut warnings).map_err(fault)?;
     }
     generator(&mut splice, &root, &settings.generator).map_err(fault)?;
     let container = Container::new(document, &root, &settings.output);
-    let bytes = container.place(&mut splice, &root, meshes.append, &mut warnings)?;
+    let bytes = container.place(&mut splice, &root, meshes.append, &former, &mut warnings)?;
     let output = container.assemble(splice.apply().map_err(fault)?, bytes)?;
     Ok(Warned { output, warnings })
 }
@@ -216,8 +221,8 @@ fn listed(files: &[String]) -> String {
 }
 
 /// Sampler, images and textures of the pages, and the name of the extension.
-fn textures(splice: &mut Splice<'_>, root: &Element<'_>, uris: &PageUris) -> Result<(), Fault> {
-    let (sampler, first_image) = (root.array("samplers").len(), root.array("images").len());
+fn textures(splice: &mut Splice<'_>, root: &Element<'_>, uris: &PageUris, former: &Former) -> Result<(), Fault> {
+    let (sampler, first_image) = (former.samplers, former.images);
     let (mut images, mut textures) = (Vec::new(), Vec::new());
     for PageUri { name, uri, png, files, image } in &uris.pages {
         let source = first_image + images.len();
@@ -267,6 +272,26 @@ fn manifest(scene: &Scene, atlas: &Atlas, uris: &PageUris, first_texture: usize,
     )
 }
 
+/// Scenes that show a baked node.
+fn scenes_of<B>(root: &Element<'_>, elements: &Elements<'_>, instances: &[Instance<B>]) -> BTreeSet<usize> {
+    let baked: BTreeSet<usize> = instances.iter().map(|i| i.node).collect();
+    let shows = |scene: &Element<'_>| !nodes_of(scene, elements).is_disjoint(&baked);
+    root.array("scenes").iter().enumerate().filter(|(_, scene)| shows(scene)).map(|(i, _)| i).collect()
+}
+
+/// All nodes of a scene.
+fn nodes_of(scene: &Element<'_>, elements: &Elements<'_>) -> BTreeSet<usize> {
+    let mut seen = BTreeSet::new();
+    let mut open: Vec<usize> = scene.array("nodes").iter().filter_map(Element::index).collect();
+    while let Some(node) = open.pop() {
+        if seen.insert(node) {
+            let children = elements.nodes.get(node).map(|n| n.array("children")).unwrap_or_default();
+            open.extend(children.iter().filter_map(Element::index));
+        }
+    }
+    seen
+}
+
 /// Puts the manifest into every scene that shows a baked node.
 fn manifests<B>(
     splice: &mut Splice<'_>,
@@ -279,19 +304,9 @@ fn manifests<B>(
     if root.array("scenes").is_empty() {
         return lone_scene(splice, root, elements, manifest);
     }
-    let baked: BTreeSet<usize> = instances.iter().map(|i| i.node).collect();
-    for (i, scene) in root.array("scenes").iter().enumerate() {
-        let mut seen = BTreeSet::new();
-        let mut open: Vec<usize> = scene.array("nodes").iter().filter_map(Element::index).collect();
-        while let Some(node) = open.pop() {
-            if seen.insert(node) {
-                let children = elements.nodes.get(node).map(|n| n.array("children")).unwrap_or_default();
-                open.extend(children.iter().filter_map(Element::index));
-            }
-        }
-        if seen.is_disjoint(&baked) {
-            continue;
-        }
+    let scenes = root.array("scenes");
+    for i in scenes_of(root, elements, instances) {
+        let scene = &scenes[i];
         if scene.get("extras").is_some_and(|e| !e.is_object()) {
             let message =
                 format!("the extras of scene {i} are no object; the description of the lightmap was left out");

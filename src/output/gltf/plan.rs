@@ -221,23 +221,30 @@ pub(super) fn is_compressed(primitive: &Element<'_>) -> bool {
 
 /// A primitive without its compressed bytes: the vertices that are written for it are not theirs.
 pub(super) fn uncompressed(primitive: &str) -> Result<String, Fault> {
-    let root = Element::root(primitive)?;
-    if !is_compressed(&root) {
-        return Ok(primitive.to_owned());
+    without_extension(primitive, DRACO)
+}
+
+/// Members as the text of an object.
+pub(super) fn object(members: &[(String, Element<'_>)]) -> String {
+    let member = |(name, value): &(String, Element<'_>)| format!("{}: {}", quoted(name), value.text());
+    format!("{{{}}}", members.iter().map(member).collect::<Vec<_>>().join(", "))
+}
+
+/// An object without one of its `extensions`.
+pub(super) fn without_extension(owner: &str, extension: &str) -> Result<String, Fault> {
+    let root = Element::root(owner)?;
+    if root.find(&["extensions", extension]).is_none() {
+        return Ok(owner.to_owned());
     }
-    let text = |members: &[(String, Element<'_>)]| {
-        let member = |(name, value): &(String, Element<'_>)| format!("{}: {}", quoted(name), value.text());
-        format!("{{{}}}", members.iter().map(member).collect::<Vec<_>>().join(", "))
-    };
     let mut others = root.get("extensions").map(|e| e.members()).unwrap_or_default();
-    others.retain(|(name, _)| name != DRACO);
+    others.retain(|(name, _)| name != extension);
     let mut members = root.members();
     if others.is_empty() {
         members.retain(|(name, _)| name != "extensions");
-        return Ok(text(&members));
+        return Ok(object(&members));
     }
-    let mut splice = Splice::new(primitive);
-    splice.set(&root, "extensions", text(&others))?;
+    let mut splice = Splice::new(owner);
+    splice.set(&root, "extensions", object(&others))?;
     splice.apply()
 }
 

@@ -17,6 +17,7 @@
 use super::Quantity;
 use super::append::Append;
 use super::container::Container;
+use super::former::Former;
 use super::interpolate::extended;
 use super::manifests;
 use super::material::Assigned;
@@ -99,9 +100,11 @@ pub fn write_vertex_gltf(
         clamped: 0,
         append: Append::new(root.array("bufferViews").len(), elements.accessors.len()),
     };
+    let former = Former::new(&root, &elements, &materials, super::scenes_of(&root, &elements, &instances), false);
     let mut splice = Splice::new(&document.json);
     let texts: Result<Vec<String>, Error> = instances.iter().map(|i| writer.mesh(i)).collect();
     super::place_meshes(&mut splice, &root, &elements, &instances, texts?).map_err(fault)?;
+    former.leave_out(&mut splice, &root, &elements).map_err(fault)?;
     if !instances.is_empty() {
         let manifest = writer.manifest();
         manifests(&mut splice, &root, &elements, &instances, &manifest, &mut warnings).map_err(fault)?;
@@ -119,7 +122,7 @@ pub fn write_vertex_gltf(
         warnings.push(Warning::new("vertex-color-clamped", message));
     }
     let container = Container::new(document, &root, &settings.common.output);
-    let bytes = container.place(&mut splice, &root, writer.append, &mut warnings)?;
+    let bytes = container.place(&mut splice, &root, writer.append, &former, &mut warnings)?;
     let output = container.assemble(splice.apply().map_err(fault)?, bytes)?;
     Ok(Warned { output, warnings })
 }
