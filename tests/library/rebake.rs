@@ -114,6 +114,46 @@ fn bakes_in_a_row_leave_one_lightmap_and_the_same_paths() {
 }
 
 #[test]
+fn other_scenes_find_their_pages_from_another_folder() {
+    let floor = |y: f32| Quad::new([0.0, y, 0.0], [0.0, 0.0, 2.0], [2.0, 0.0, 0.0], grey(0.5));
+    let bulb = |candela: f32| serde_json::json!({"type": "point", "intensity": candela});
+    let two = Scene { quads: vec![floor(0.0), floor(1.0)], lights: vec![] };
+    let two =
+        two.with(bulb(30.0), Vec3::new(1.0, 2.5, 1.0), Vec3::Y).with(bulb(90.0), Vec3::new(1.0, 2.5, 1.0), Vec3::Y);
+    let mut document = two.document();
+    document["scenes"] = serde_json::json!([{"nodes": [0, 2]}, {"nodes": [1, 3]}]);
+    let home = tempfile::tempdir().unwrap();
+    let input = home.path().join("in.gltf");
+    fs::write(&input, document.to_string()).unwrap();
+    let more = ["--format", "exr,png", "--directional", "sh"];
+    let of_scene = |scene: &'static str| [&OPTIONS[..6], &more, &["--scene", scene]].concat();
+    let first = bake_file(&input, &of_scene("0"));
+    let both = bake_file(&first.path("out.gltf"), &of_scene("1"));
+    let pictures = [(&first, "0"), (&both, "0"), (&both, "1")].map(|(baked, scene)| {
+        let (gltf, out) = (baked.path("out.gltf"), home.path().join("view.exr"));
+        let words = ["--scene", scene, "--auto", "--width", "32", "--height", "32", "--samples", "1"];
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_texelwalk"));
+        let done = command.arg("render").arg(gltf).arg("-o").arg(&out).args(words).output().unwrap();
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+        texelwalk::output::exr::read_rgba(&out).unwrap().pixels
+    });
+    assert!(pictures[0] == pictures[1] && pictures[0] != pictures[2]);
+    let document = both.document();
+    let folder = first.path("").parent().unwrap().file_name().unwrap().to_str().unwrap().to_owned();
+    let own = document["scenes"][0]["extras"]["lightmap"]["pages"][0].clone();
+    let texture = own["texture"].as_u64().unwrap() as usize;
+    for place in [own, document["textures"][texture]["extras"]["lightmap"].clone()] {
+        let uris = [&place["uri"], &place["files"][1]["uri"], &place["directional"]["l1z"]];
+        for uri in uris.map(|uri| uri.as_str().unwrap().to_owned()) {
+            assert!(uri.starts_with(&format!("../../{folder}/baked/out.lightmap0.")), "{uri}");
+            assert!(both.path("").join(&uri).is_file(), "{uri}");
+        }
+        assert_eq!(place["directional"]["mode"], "sh");
+    }
+    assert_eq!(document["scenes"][1]["extras"]["lightmap"]["pages"][0]["uri"], "out.lightmap0.exr");
+}
+
+#[test]
 fn objects_of_other_densities_stay_on_the_page() {
     let home = tempfile::tempdir().unwrap();
     let rules = home.path().join("rules.toml");

@@ -113,7 +113,8 @@ impl Scene {
         self
     }
 
-    fn document(&self) -> Value {
+    /// As glTF, all in one scene.
+    pub(crate) fn document(&self) -> Value {
         let (mut bytes, mut views, mut accessors) = (vec![], vec![], vec![]);
         let mut add = |data: Vec<u8>, accessor: Value| {
             views.push(json!({"buffer": 0, "byteOffset": bytes.len(), "byteLength": data.len()}));

@@ -7,8 +7,8 @@
 //! | glTF → glTF | stay where they are | a new buffer `<stem>.lightmap.bin` |
 //! | GLB → glTF | the BIN chunk becomes `<stem>.bin` | a new buffer `<stem>.lightmap.bin` |
 //!
-//! Files that stay are referred to from the output's folder. A GLB whose buffer 0 exists nowhere (a placeholder for
-//! compressed data) keeps it, and new bytes go to `<stem>.lightmap.bin`.
+//! Files that stay, and pages of former bakes that do, are referred to from the output's folder. A GLB whose buffer 0 exists
+//! nowhere (a placeholder for compressed data) keeps it, and new bytes go to `<stem>.lightmap.bin`.
 //!
 //! Source: glTF 2.0, section 4.4 (GLB layout), section 3.6.1.2 (the GLB-stored buffer is the first).
 
@@ -112,6 +112,13 @@ impl<'a> Container<'a> {
         let skipped = usize::from(moved_into_bin.is_some());
         self.rebase(splice, at(self.buffers.iter().skip(skipped), "uri"))?;
         self.rebase(splice, at(root.array("images").iter().take(former.images), "uri"))?;
+        let (textures, scenes) = (root.array("textures"), root.array("scenes"));
+        let scenes = scenes.iter().enumerate().filter(|(i, _)| !former.scenes.contains(i)).map(|(_, scene)| scene);
+        let pages = textures.iter().take(former.textures).chain(scenes);
+        self.rebase(
+            splice,
+            pages.filter_map(|e| e.find(&["extras", "lightmap"])).flat_map(|m| page_uris(&m)).collect(),
+        )?;
         let lights = |name: &str| root.find(&["extensions", name]).map(|e| e.array("lights")).unwrap_or_default();
         self.rebase(splice, at(lights("EXT_lights_ies").iter(), "uri"))?;
         let wishes = lights("KHR_lights_punctual").into_iter().filter_map(|l| l.find(&["extras", "texelwalk"]));
@@ -188,6 +195,17 @@ impl<'a> Container<'a> {
 /// What elements have at `key`.
 fn at<'e, 'a: 'e>(elements: impl Iterator<Item = &'e Element<'a>>, key: &str) -> Vec<Element<'a>> {
     elements.filter_map(|e| e.get(key)).collect()
+}
+
+/// All URIs in the `extras.lightmap` of a texture or scene that a former bake wrote.
+fn page_uris<'a>(manifest: &Element<'a>) -> Vec<Element<'a>> {
+    let mut found = vec![];
+    for page in core::iter::once(*manifest).chain(manifest.array("pages")) {
+        found.extend(at(core::iter::once(&page).chain(&page.array("files")), "uri"));
+        let directional = page.get("directional").map(|d| d.members()).unwrap_or_default();
+        found.extend(directional.into_iter().filter(|(key, _)| key != "mode" && key != "decode").map(|(_, uri)| uri));
+    }
+    found
 }
 
 /// A buffer object with another place and length, its other members kept.
