@@ -114,6 +114,28 @@ fn bakes_in_a_row_leave_one_lightmap_and_the_same_paths() {
 }
 
 #[test]
+fn light_at_vertices_takes_the_lightmap_away() {
+    let first = bake_fixture("cornell/cornell.gltf", &OPTIONS);
+    let again = bake_file(&first.path("out.gltf"), &[&OPTIONS[..6], &["--target", "vertex"]].concat());
+    assert!(first.document()["materials"].to_string().contains("MOZ_lightmap"));
+    let document = again.document();
+    assert!(!document["materials"].to_string().contains("MOZ_lightmap"), "{}", document["materials"]);
+    assert!(document["meshes"].to_string().contains("_LIGHTMAP"));
+    for key in ["samplers", "images", "textures"] {
+        assert!(document[key].is_null(), "{key}");
+    }
+    let mut materials = first.document()["materials"].clone();
+    for material in materials.as_array_mut().unwrap() {
+        let material = material.as_object_mut().unwrap();
+        let others = material.get_mut("extensions").and_then(Value::as_object_mut);
+        if others.is_some_and(|e| e.remove("MOZ_lightmap").is_some() && e.is_empty()) {
+            material.remove("extensions");
+        }
+    }
+    assert_eq!(document["materials"], materials, "nothing else of them goes");
+}
+
+#[test]
 fn other_scenes_find_their_pages_from_another_folder() {
     let floor = |y: f32| Quad::new([0.0, y, 0.0], [0.0, 0.0, 2.0], [2.0, 0.0, 0.0], grey(0.5));
     let bulb = |candela: f32| serde_json::json!({"type": "point", "intensity": candela});

@@ -12,12 +12,14 @@
 //! * a mesh per baked node that shares every other accessor, unless its triangles were cut: then all its attributes are
 //!   written again with the new vertices behind the old ones (`interpolate`).
 //!
-//! Everything else of the document stays, byte for byte.
+//! `MOZ_lightmap` of a former bake goes, with what it alone needs (`former`): viewers would show both. Everything else of
+//! the document stays, byte for byte.
 
 use super::Quantity;
 use super::append::Append;
 use super::container::Container;
 use super::former::Former;
+use super::former::LIGHTMAP;
 use super::interpolate::extended;
 use super::manifests;
 use super::material::Assigned;
@@ -60,8 +62,10 @@ pub struct VertexSettings {
     pub unlit: bool,
 }
 
-/// The only use of a material with vertex light.
+/// Use of a material with vertex light that becomes unlit.
 const UNLIT: Use = Use { page: 0, set: 0 };
+/// Use of one that loses the lightmap of a former bake.
+const PLAIN: Use = Use { page: 1, set: 0 };
 
 /// The contents of the baked document and of the buffers beside it, the document last.
 ///
@@ -85,9 +89,15 @@ pub fn write_vertex_gltf(
     let elements = Elements::new(&root);
     let lit = (0..light.parts.len()).filter(|&p| !light.parts[p].triangles.is_empty());
     let instances = plan::instances(scene, &elements, lit.map(|p| (p, p)).collect())?;
+    let has_lightmap = |m: &Element<'_>| m.find(&["extensions", LIGHTMAP]).is_some();
     let use_of = |p: &usize| {
-        let material = &scene.materials[scene.parts[*p].material];
-        vec![(settings.unlit && !material.glows()).then_some(UNLIT)]
+        let part = &scene.parts[*p];
+        if settings.unlit && !scene.materials[part.material].glows() {
+            return vec![Some(UNLIT)];
+        }
+        let primitive = elements.primitives.get(part.mesh).and_then(|all| all.get(part.primitive));
+        let mut materials = primitive.map(plan::materials_of).unwrap_or_default().into_iter().flatten();
+        vec![materials.any(|m| elements.materials.get(m).is_some_and(has_lightmap)).then_some(PLAIN)]
     };
     let materials = plan::material_users(&instances, &elements, use_of).assign(elements.materials.len());
     let mut writer = Writer {
@@ -108,8 +118,8 @@ pub fn write_vertex_gltf(
     if !instances.is_empty() {
         let manifest = writer.manifest();
         manifests(&mut splice, &root, &elements, &instances, &manifest, &mut warnings).map_err(fault)?;
+        materials.write(&mut splice, &root, edited).map_err(fault)?;
         if settings.unlit {
-            materials.write(&mut splice, &root, |text, _| unlit(text)).map_err(fault)?;
             super::declare(&mut splice, &root, &["KHR_materials_unlit"]).map_err(fault)?;
         }
     }
@@ -156,9 +166,14 @@ fn color(scene: &Scene, p: usize, part: &VertexPart, v: usize) -> (Rgb, f32) {
     (base.truncate() * part.values[v], base.w)
 }
 
-fn unlit(material: &str) -> Result<String, Fault> {
-    let root = Element::root(material)?;
-    let mut splice = Splice::new(material);
+/// A material without a lightmap, and unlit if that is its use.
+fn edited(material: &str, how: Use) -> Result<String, Fault> {
+    let plain = plan::without_extension(material, LIGHTMAP)?;
+    if how == PLAIN {
+        return Ok(plain);
+    }
+    let root = Element::root(&plain)?;
+    let mut splice = Splice::new(&plain);
     splice.set_path(&root, &["extensions", "KHR_materials_unlit"], "{}")?;
     splice.apply()
 }
@@ -227,7 +242,9 @@ impl Writer<'_> {
         for (name, accessor) in self.light_attributes(p) {
             splice.set_path(&root, &["attributes", name], accessor.to_string()).map_err(fault)?;
         }
-        self.materials.set(&mut splice, &root, UNLIT).map_err(fault)?;
+        for how in [UNLIT, PLAIN] {
+            self.materials.set(&mut splice, &root, how).map_err(fault)?;
+        }
         splice.apply().map_err(fault)
     }
 
