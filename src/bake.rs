@@ -233,6 +233,7 @@ fn load(input: &Path, settings: &Settings) -> Result<Warned<Scene>, scene::Error
         memory_limit: memory::limit(settings),
     };
     let mut loaded = scene::load(input, &how)?;
+    loaded.output.own_colors()?;
     loaded.warnings.extend(treated::warning(&loaded.output, settings));
     if let Some(path) = &settings.environment {
         let (factor, rotation) = (settings.environment_intensity, settings.environment_rotation.to_radians());

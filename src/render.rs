@@ -5,7 +5,7 @@
 //! Through every pixel go n² stratified primary rays. At the first surface that faces the camera (backs of one-sided
 //! materials are passed, as viewers cull them) the outgoing radiance is ρ/π · E + emission, where E = texel × intensity
 //! is looked up bilinearly on the lightmap's own coordinates; coverage is not looked at, because dilated texels belong
-//! to the filter. Unlit materials show their base colour. What has no lightmap shows only its own emission. Rays that
+//! to the filter. Unlit materials show their base colour, times light that is at their vertices. What has no lightmap shows only its own emission. Rays that
 //! leave the scene meet the sky or, if that is black, a neutral background.
 //!
 //! Exposure is 2^stops; without it, the log-average luminance of the lit surfaces in view (one ray per pixel) is mapped
@@ -259,11 +259,17 @@ impl Shot<'_> {
 
     /// A surface under its baked light; `bare`: as if it were of plaster.
     fn lit(&self, hit: &Hit, bare: bool) -> Seen {
-        if self.scene.material(hit.triangle).unlit {
-            return Seen::Painted(self.scene.base_color(hit.triangle, hit.b).truncate());
+        let base = || self.scene.base_color(hit.triangle, hit.b).truncate();
+        let unlit = self.scene.material(hit.triangle).unlit;
+        if unlit && !self.lightmaps.is_at_vertices(self.scene, hit.triangle) {
+            return Seen::Painted(base());
         }
         let irradiance = self.lightmaps.irradiance(self.scene, hit.triangle, hit.b).unwrap_or(Rgb::ZERO);
-        let reflectance = if bare { PLASTER } else { self.scene.reflectance(hit.triangle, hit.b) };
+        let reflectance = match bare {
+            true => PLASTER,
+            false if unlit => base(),
+            false => self.scene.reflectance(hit.triangle, hit.b),
+        };
         let emission = if bare { Rgb::ZERO } else { self.scene.shown_emission(hit.triangle, hit.b) };
         Seen::Surface(reflectance * irradiance * core::f32::consts::FRAC_1_PI, emission)
     }

@@ -82,6 +82,7 @@ pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
     };
     let loaded = scene::load(input, &how)?;
     let scene = loaded.output;
+    scene.own_colors()?;
     let how = settings.atlas();
     let tracer = Tracer::new(&scene);
     let charted = atlas::build(&tracer, &how)?;

@@ -3,7 +3,8 @@
 //! A material's `MOZ_lightmap` names a texture, whose `extras.lightmap.uri` is the page, an EXR unless `files` beside it
 //! lists formats; then the most exact one is read. Texel × `intensity` is irradiance. The PNG of the texture is not
 //! used: it is clamped. Light at vertices is the attribute `_LIGHTMAP` of a primitive, in the quantity that
-//! `extras.lightmap` of its scene names.
+//! `extras.lightmap` of its scene names, or `COLOR_0` times the scale that it names. That is light times the colours of
+//! before, which are not known where there were any; then they are left out of the surface, and `_LIGHTMAP` is not used.
 //!
 //! What was baked just now needs no document: [`Lightmaps::placed`] and [`Lightmaps::at_vertices`].
 
@@ -14,6 +15,7 @@ use crate::output::exr::ImageF32;
 use crate::output::formats;
 use crate::output::splice::Element;
 use crate::scene::Document;
+use crate::scene::Part;
 use crate::scene::Scene;
 use glam::Vec2;
 use std::collections::BTreeMap;
@@ -74,6 +76,10 @@ impl Lightmaps {
         let factor = if irradiance { 1.0 } else { core::f32::consts::PI };
         self.vertices = vec![vec![]; scene.parts.len()];
         for (part, values) in scene.parts.iter().zip(&mut self.vertices) {
+            if let Some(colors) = colors(scene, part)? {
+                *values = colors;
+                continue;
+            }
             let accessor = scene.document.root.attribute(part.mesh, part.primitive, "_LIGHTMAP");
             let Some(accessor) = accessor else { continue };
             let data = scene.document.accessor(accessor)?;
@@ -208,6 +214,11 @@ impl Lightmaps {
         Some([a? * size, b? * size, c? * size])
     }
 
+    /// The triangle has light at its corners.
+    pub(super) fn is_at_vertices(&self, scene: &Scene, triangle: u32) -> bool {
+        self.vertices.get(scene.part_index(triangle)).is_some_and(|values| !values.is_empty())
+    }
+
     /// Irradiance at a triangle's corners [lx].
     fn corners(&self, scene: &Scene, triangle: u32) -> Option<[Rgb; 3]> {
         let part = scene.part_index(triangle);
@@ -222,4 +233,21 @@ impl Lightmaps {
         let has_set = lightmap.uv_set != 1 || part.has_uv1;
         Some((lightmap, self.pages.get(lightmap.page)?)).filter(|_| has_set)
     }
+}
+
+/// Irradiance times the vertex colours of before [lx], if a part has that as `COLOR_0` and nothing that is better.
+fn colors(scene: &Scene, part: &Part) -> Result<Option<Vec<Rgb>>, Error> {
+    let document = &scene.document;
+    let Some(color) = &document.baked_color else { return Ok(None) };
+    let Some(&accessor) = color.accessors.get(&(part.mesh, part.primitive)) else { return Ok(None) };
+    if color.white && document.root.attribute(part.mesh, part.primitive, "_LIGHTMAP").is_some() {
+        return Ok(None);
+    }
+    let data = document.accessor(accessor)?;
+    if !(3..=4).contains(&data.components) || data.count != part.vertices.len() {
+        let message = format!("COLOR_0 of {} is no colour for each vertex", part.name);
+        return Err(Error::invalid(&document.path, message));
+    }
+    let factor = color.scale * core::f32::consts::PI;
+    Ok(Some(data.to_f32().chunks_exact(data.components).map(|c| Rgb::new(c[0], c[1], c[2]) * factor).collect()))
 }

@@ -7,6 +7,7 @@
 //! are buffers with what was decompressed (`meshopt`, `draco`), to which views of `root` were turned. Likewise `root` may
 //! have accessors behind those of the text: ask it, not the text, which of them hold a primitive's values.
 
+use super::BakedColor;
 use super::Error;
 use super::container;
 use super::schema::Root;
@@ -36,6 +37,8 @@ pub struct Document {
     pub buffers: Vec<Vec<u8>>,
     /// Every file that was read, the document itself first: buffers, images.
     pub files_read: Vec<PathBuf>,
+    /// Light that a former bake put into vertex colours, which `root` then may not name.
+    pub baked_color: Option<BakedColor>,
 }
 
 impl Document {
@@ -54,6 +57,7 @@ impl Document {
             extra_chunks: container.extra_chunks,
             buffers: Vec::new(),
             files_read: vec![path.to_path_buf()],
+            baked_color: None,
         })
     }
 

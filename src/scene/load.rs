@@ -1,5 +1,5 @@
-//! Puts the parts of the loader in order: container, extensions, buffers, what is compressed, instances, nodes,
-//! materials, geometry, images, lights.
+//! Puts the parts of the loader in order: container, extensions, buffers, what is compressed, instances, light in vertex
+//! colours, nodes, materials, geometry, images, lights.
 
 use super::Document;
 use super::Error;
@@ -88,6 +88,7 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
     document.decompress_views()?;
     document.decompress_primitives()?;
     document.expand_instances()?;
+    document.set_baked_colors_aside(settings.scene)?;
     let mut walk = nodes::walk(&document.root, settings.scene, &mut warnings)?;
     let mut materials = material::read(&document.root, settings.normal_maps, &mut warnings)?;
     let mut footprint = Footprint::of_document(&document);

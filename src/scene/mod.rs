@@ -17,6 +17,7 @@
 //! `no-triangles`, `not-a-root`, `not-triangles`, `trailing-bytes`, `unsupported-extension`, `unused-rule`.
 
 mod accessor;
+mod baked_color;
 mod basis;
 mod cameras;
 mod container;
@@ -63,6 +64,7 @@ mod variants;
 mod volume;
 
 pub use accessor::AccessorData;
+pub use baked_color::BakedColor;
 pub use copies::{Copied, Copies, Placement};
 pub use document::Document;
 pub use environment::Environment;

@@ -124,6 +124,9 @@ pub(super) fn read(
     if let Some((values, components)) = reader.floats("COLOR_0", &[3, 4], Some(count))? {
         let color = |c: &[f32]| Vec4::new(c[0], c[1], c[2], c.get(3).copied().unwrap_or(1.0));
         let mut colors: Vec<Vec4> = values.chunks_exact(components).map(color).collect();
+        if document.has_lost_colors(mesh, primitive) {
+            colors.iter_mut().for_each(|c| *c = Vec4::ONE.truncate().extend(c.w));
+        }
         let fixed = replace(&mut colors, |c| c.is_finite() && c.min_element() >= 0.0, Vec4::ONE);
         if fixed > 0 {
             let what = format!("{name}: {fixed} vertex colours are negative or not finite; white was used");

@@ -2,7 +2,7 @@
 
 #![allow(clippy::expect_used, reason = "tests")]
 
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -58,6 +58,97 @@ fn light(scene: &Scene, json: &Value, part: &Part) -> Vec<Vec3> {
     floats.chunks(3).map(Vec3::from_slice).collect()
 }
 
+/// `COLOR_0` of a part as it is stored.
+fn colors(scene: &Scene, json: &Value, part: &Part) -> Vec<Vec4> {
+    let accessor = primitive(json, part)["attributes"]["COLOR_0"].as_u64().unwrap();
+    let data = scene.document.accessor(accessor as usize).unwrap();
+    assert_eq!((data.component_type, data.components, data.normalized), (5123, 4, true));
+    data.to_f32().chunks(4).map(Vec4::from_slice).collect()
+}
+
+/// Exit code and standard error.
+fn run(words: &[&str]) -> (Option<i32>, String) {
+    let out = Command::new(env!("CARGO_BIN_EXE_texelwalk")).args(words).output().unwrap();
+    (out.status.code(), String::from_utf8_lossy(&out.stderr).into_owned())
+}
+
+#[test]
+fn light_in_vertex_colors_is_no_albedo_of_the_next_bake() {
+    let input = fixture("cornell/cornell.gltf");
+    let home = tempfile::tempdir().unwrap();
+    let folder = |name: &str| home.path().join(name);
+    for attribute in ["color0", "both"] {
+        let options = ["--vertex-attribute", attribute, "--texels-per-meter", "8"];
+        let (first, _) = bake(&input, &folder(attribute), &options);
+        let (again, _) = bake(&first, &folder(&format!("{attribute}-again")), &options);
+        let [a, b] = [&first, &again].map(|path| load(path));
+        let [old, new] = [&a, &b].map(json);
+        let color = |document: &Value| document["scenes"][0]["extras"]["lightmap"]["color"].clone();
+        assert_eq!(color(&old)["white"], true);
+        assert_eq!(color(&old), color(&new));
+        for (p, q) in pairs(&a, &b).into_iter().filter(|(p, _)| p.receives) {
+            assert!(colors(&a, &old, p) == colors(&b, &new, q), "{attribute}: {}", p.name);
+        }
+        // Nothing of it stays beside pages.
+        let pages = folder(&format!("{attribute}-pages.gltf"));
+        let words = ["--preset", "preview", "--texels-per-meter", "8", "--gather", "1"];
+        let words = [&["bake", first.to_str().unwrap(), "-o", pages.to_str().unwrap()], words.as_slice()].concat();
+        let (code, said) = run(&words);
+        assert_eq!(code, Some(0), "{said}");
+        let meshes = json(&load(&pages))["meshes"].to_string();
+        assert!(!meshes.contains("COLOR_0") && !meshes.contains("_LIGHTMAP") && meshes.contains("TEXCOORD_1"));
+        // Without the word of the manifest nobody knows.
+        let text = std::fs::read_to_string(&first).unwrap();
+        std::fs::write(&first, text.replace(", \"white\": true", "")).unwrap();
+        let (code, said) = run(&["bake", first.to_str().unwrap(), "-o", folder("never").to_str().unwrap()]);
+        assert!(code == Some(3) && said.contains("bake from the source"), "{code:?} {said}");
+    }
+    // Colours that there were are not known any more.
+    let (colored, _) = bake(&fixture("primitives/primitives.gltf"), &folder("c"), &["--vertex-attribute", "color0"]);
+    assert_eq!(json(&load(&colored))["scenes"][0]["extras"]["lightmap"]["color"]["white"], false);
+    for words in [
+        ["bake", colored.to_str().unwrap(), "-o", home.path().to_str().unwrap()].as_slice(),
+        &["inspect", colored.to_str().unwrap()],
+    ] {
+        let (code, said) = run(words);
+        assert!(
+            code == Some(3) && said.contains("COLOR_0") && said.contains("bake from the source"),
+            "{code:?} {said}"
+        );
+    }
+}
+
+#[test]
+fn light_in_vertex_colors_is_drawn_once() {
+    let home = tempfile::tempdir().unwrap();
+    let picture = |name: &str, input: &Path, options: &[&str]| {
+        let options = [&["--texels-per-meter", "8"], options].concat();
+        let (path, _) = bake(input, &home.path().join(name), &options);
+        let out = home.path().join(format!("{name}.exr"));
+        let size = ["--width", "64", "--height", "48", "--samples", "4"];
+        let words = [&["render", path.to_str().unwrap(), "-o", out.to_str().unwrap()], size.as_slice()].concat();
+        let (code, said) = run(&words);
+        assert_eq!(code, Some(0), "{name}: {said}");
+        texelwalk::output::exr::read_rgba(&out).unwrap().pixels
+    };
+    let mean = |pixels: &[[f32; 4]]| pixels.iter().map(|p| p[0] + p[1] + p[2]).sum::<f32>() / pixels.len() as f32;
+    let white = fixture("cornell/cornell.gltf");
+    let exact = picture("exact", &white, &[]);
+    for (name, options) in [("color0", &[][..]), ("both", &[]), ("color0", &["--unlit"])] {
+        let found = picture(name, &white, &[&["--vertex-attribute", name], options].concat());
+        let worst = exact.iter().zip(&found).flat_map(|(a, b)| (0..3).map(move |c| (a[c] - b[c]).abs()));
+        let worst = worst.fold(0.0, f32::max);
+        assert!(worst < 1e-3 * mean(&exact), "{name} {options:?}: {worst} of {}", mean(&exact));
+    }
+    // With colours, their products with light are interpolated instead of each by itself.
+    let colored = fixture("primitives/primitives.gltf");
+    let exact = mean(&picture("exact", &colored, &[]));
+    for name in ["color0", "both"] {
+        let found = mean(&picture(name, &colored, &["--vertex-attribute", name]));
+        assert!((found / exact - 1.0).abs() < 0.01, "{name}: {found} of {exact}");
+    }
+}
+
 #[test]
 fn attributes_are_added_and_nothing_else_changes() {
     let (home, input) = (tempfile::tempdir().unwrap(), fixture("primitives/primitives.gltf"));
@@ -81,12 +172,12 @@ fn attributes_are_added_and_nothing_else_changes() {
             continue;
         }
         lit += 1;
-        let light = light(&after, &new, b);
-        assert_eq!(light.len(), a.vertices.len());
+        let (light, colors) = (light(&after, &new, b), colors(&after, &new, b));
+        assert_eq!((light.len(), colors.len()), (a.vertices.len(), a.vertices.len()));
         for (k, light) in light.iter().enumerate() {
             let own = before.vertices.color[a.vertices.start as usize + k];
-            let shown = after.vertices.color[b.vertices.start as usize + k];
-            let expected = (own.truncate() * *light / scale).extend(own.w).min(glam::Vec4::ONE);
+            let shown = colors[k];
+            let expected = (own.truncate() * *light / scale).extend(own.w).min(Vec4::ONE);
             assert!((shown - expected).abs().max_element() < 1e-5, "{} {shown} {expected}", a.name);
             brightest = brightest.max((own.truncate() * *light).max_element());
             colored += usize::from(own.truncate() != Vec3::ONE);

@@ -3,16 +3,20 @@
 //! In: the document's text and what this bake edits of it. Out: what goes:
 //! * textures of pages (they have `extras.lightmap.uri`) that nothing refers to any more, with the images and samplers that
 //!   they alone use, and `MOZ_lightmap` of materials that no primitive has. Without that, ten bakes in a row leave ten
-//!   pages, nine of them in folders that may be gone.
+//!   pages, nine of them in folders that may be gone;
+//! * light at vertices, `_LIGHTMAP` and `COLOR_0`, of primitives that get other light, and `COLOR_0` of those that get none
+//!   where no manifest would tell any more that it is light.
 //!
 //! Of arrays only the end goes, where bakes append, so no index changes its meaning. Other scenes keep their pages.
 
 use super::material::Assigned;
 use super::plan::Elements;
+use super::plan::Instance;
 use super::plan::without_extension;
 use crate::output::splice::Element;
 use crate::output::splice::Fault;
 use crate::output::splice::Splice;
+use crate::scene::Document;
 use std::collections::BTreeSet;
 
 /// The extension that gives a material a lightmap.
@@ -110,6 +114,32 @@ impl Former {
     }
 }
 
+/// Takes light out of the vertex colours of meshes that stay as they are, where the manifests that told of it are replaced.
+pub(super) fn leave_out_colors<B>(
+    splice: &mut Splice<'_>,
+    document: &Document,
+    elements: &Elements<'_>,
+    instances: &[Instance<B>],
+    shown_elsewhere: &BTreeSet<usize>,
+) -> Result<(), Fault> {
+    if document.baked_color.is_none() || instances.is_empty() {
+        return Ok(());
+    }
+    let mut done: BTreeSet<usize> = instances.iter().filter(|i| i.in_place).map(|i| i.mesh).collect();
+    let moved: BTreeSet<usize> = instances.iter().flat_map(|i| i.also.iter().chain([&i.node])).copied().collect();
+    let unmoved = |n: &usize| !moved.contains(n);
+    done.extend(shown_elsewhere.iter().filter(|n| unmoved(n)).filter_map(|&n| elements.nodes.get(n)?.index_at("mesh")));
+    for (mesh, primitives) in elements.primitives.iter().enumerate().filter(|(mesh, _)| !done.contains(mesh)) {
+        for (i, primitive) in primitives.iter().enumerate() {
+            let plain = without_light(primitive.text(), document, [mesh, i], |name| name == "_LIGHTMAP")?;
+            if plain != primitive.text() {
+                splice.replace(primitive, plain);
+            }
+        }
+    }
+    Ok(())
+}
+
 /// Indices at `key` anywhere within a value, but not within members called `but`.
 fn indices(element: &Element<'_>, key: &str, but: &str, found: &mut BTreeSet<usize>) {
     for (name, value) in element.members().iter().filter(|(name, _)| name != but) {
@@ -127,6 +157,28 @@ fn numbers(element: &Element<'_>, key: &str, within: bool) -> BTreeSet<usize> {
     }
     found.extend(element.items().iter().flat_map(|item| numbers(item, key, within)));
     found
+}
+
+/// A primitive without light of a former bake at its vertices, but for attributes that stay or are written anew.
+pub(super) fn without_light(
+    primitive: &str,
+    document: &Document,
+    [mesh, index]: [usize; 2],
+    stays: impl Fn(&str) -> bool,
+) -> Result<String, Fault> {
+    let root = Element::root(primitive)?;
+    let is_own = document.baked_color.is_none() || document.root.attribute(mesh, index, "COLOR_0").is_some();
+    let goes = |name: &str| !stays(name) && (name == "_LIGHTMAP" || (name == "COLOR_0" && !is_own));
+    let Some(attributes) = root.get("attributes") else { return Ok(primitive.to_owned()) };
+    let mut kept = attributes.members();
+    let before = kept.len();
+    kept.retain(|(name, _)| !goes(name));
+    if kept.len() == before {
+        return Ok(primitive.to_owned());
+    }
+    let mut splice = Splice::new(primitive);
+    splice.replace(&attributes, super::plan::object(&kept));
+    splice.apply()
 }
 
 #[cfg(test)]

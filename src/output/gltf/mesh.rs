@@ -4,13 +4,15 @@
 //! vertices were split gets all attributes and morph targets again, element by element, byte for byte in their
 //! component type, and its triangles as a list; so does one that was compressed by Draco. Vertices that cuts added are
 //! interpolated (`interpolate`). One that lies on several pages becomes one primitive per page, with
-//! common attributes. Everything else of it (extras, extensions, material variants) is carried over.
+//! common attributes. Everything else of it (extras, extensions, material variants) is carried over, but
+//! for light of a former bake at its vertices (`former`).
 //!
 //! Triangles without a chart (no area) stay, on the first page. Two instances that split a primitive alike share what
 //! was written for the first.
 
 use super::append::Append;
 use super::append::component_size;
+use super::former::without_light;
 use super::interpolate::extended;
 use super::material::Assigned;
 use super::material::Use;
@@ -83,11 +85,21 @@ impl<'a> Meshes<'a> {
         let root = Element::root(text).map_err(|e| self.fault(&e))?;
         let mut splice = Splice::new(text);
         for (i, primitive) in root.array("primitives").iter().enumerate() {
-            let Some(baked) = instance.baked.get(&i) else { continue };
+            let place = [instance.mesh, i];
+            let baked = instance.baked.get(&i);
+            let stays = |name: &str| baked.is_none() && name == "_LIGHTMAP";
+            let plain = without_light(primitive.text(), &self.scene.document, place, stays);
+            let plain = plain.map_err(|e| self.fault(&e))?;
+            let Some(baked) = baked else {
+                if plain != primitive.text() {
+                    splice.replace(primitive, plain);
+                }
+                continue;
+            };
             if !baked.unsplit {
                 self.warn_of_extensions(primitive, baked, warnings);
             }
-            splice.replace(primitive, self.primitives(primitive.text(), baked)?.join(", "));
+            splice.replace(primitive, self.primitives(&plain, baked)?.join(", "));
         }
         splice.apply().map_err(|e| self.fault(&e))
     }

@@ -58,6 +58,7 @@ use crate::scene::Scene;
 use append::Append;
 use container::Container;
 use former::Former;
+use former::leave_out_colors;
 use material::Use;
 use material::with_lightmap;
 use mesh::Meshes;
@@ -140,6 +141,8 @@ pub fn write_gltf(
 
     let texts: Result<Vec<String>, Error> = instances.iter().map(|i| meshes.mesh(i, &mut warnings)).collect();
     place_meshes(&mut splice, &root, &elements, &instances, texts?).map_err(fault)?;
+    let elsewhere = shown_beside(&root, &elements, &former.scenes);
+    leave_out_colors(&mut splice, document, &elements, &instances, &elsewhere).map_err(fault)?;
     former.leave_out(&mut splice, &root, &elements).map_err(fault)?;
     if !instances.is_empty() {
         let uris = PageUris::new(pages, settings)?;
@@ -277,6 +280,13 @@ fn scenes_of<B>(root: &Element<'_>, elements: &Elements<'_>, instances: &[Instan
     let baked: BTreeSet<usize> = instances.iter().map(|i| i.node).collect();
     let shows = |scene: &Element<'_>| !nodes_of(scene, elements).is_disjoint(&baked);
     root.array("scenes").iter().enumerate().filter(|(_, scene)| shows(scene)).map(|(i, _)| i).collect()
+}
+
+/// Nodes that other scenes than these show.
+fn shown_beside(root: &Element<'_>, elements: &Elements<'_>, scenes: &BTreeSet<usize>) -> BTreeSet<usize> {
+    let all = root.array("scenes");
+    let others = all.iter().enumerate().filter(|(i, _)| !scenes.contains(i));
+    others.flat_map(|(_, scene)| nodes_of(scene, elements)).collect()
 }
 
 /// All nodes of a scene.

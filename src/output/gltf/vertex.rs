@@ -5,7 +5,7 @@
 //! * `_LIGHTMAP`, VEC3 float: E/π or E as it is;
 //! * `COLOR_0`, VEC4 of normalised 16-bit numbers: E/π over a scale that the whole file shares, times the colour that
 //!   was there, because glTF multiplies base colour with it. The scale is in the manifest; without one given it is the
-//!   largest value, so that nothing is clamped.
+//!   largest value, so that nothing is clamped. `white` beside it: there were no colours (`scene` reads it back);
 //! * `KHR_materials_unlit` on the materials, if asked for: plain viewers then show base colour × `COLOR_0`. Materials
 //!   that glow stay as they are, because unlit ones do not;
 //! * `extras.lightmap` on the scenes that show baked nodes: a manifest that names the attributes;
@@ -20,6 +20,8 @@ use super::append::Append;
 use super::container::Container;
 use super::former::Former;
 use super::former::LIGHTMAP;
+use super::former::leave_out_colors;
+use super::former::without_light;
 use super::interpolate::extended;
 use super::manifests;
 use super::material::Assigned;
@@ -114,6 +116,8 @@ pub fn write_vertex_gltf(
     let mut splice = Splice::new(&document.json);
     let texts: Result<Vec<String>, Error> = instances.iter().map(|i| writer.mesh(i)).collect();
     super::place_meshes(&mut splice, &root, &elements, &instances, texts?).map_err(fault)?;
+    let elsewhere = super::shown_beside(&root, &elements, &former.scenes);
+    leave_out_colors(&mut splice, document, &elements, &instances, &elsewhere).map_err(fault)?;
     former.leave_out(&mut splice, &root, &elements).map_err(fault)?;
     if !instances.is_empty() {
         let manifest = writer.manifest();
@@ -200,7 +204,9 @@ impl Writer<'_> {
         }
         if attributes.color {
             let scale = serde_json::Value::from(self.scale);
-            text += &format!(", \"color\": {{\"attribute\": \"COLOR_0\", \"scale\": {scale}}}");
+            let primitives = self.scene.document.root.meshes.iter().flat_map(|mesh| &mesh.primitives);
+            let white = primitives.into_iter().all(|p| !p.attributes.contains_key("COLOR_0"));
+            text += &format!(", \"color\": {{\"attribute\": \"COLOR_0\", \"scale\": {scale}, \"white\": {white}}}");
         }
         text + "}"
     }
@@ -212,8 +218,14 @@ impl Writer<'_> {
         let root = Element::root(text).map_err(fault)?;
         let mut splice = Splice::new(text);
         for (i, primitive) in root.array("primitives").iter().enumerate() {
-            if let Some(&part) = instance.baked.get(&i) {
-                splice.replace(primitive, self.primitive(primitive.text(), part)?);
+            let part = instance.baked.get(&i);
+            let stays = |name: &str| if part.is_some() { self.writes(name) } else { name == "_LIGHTMAP" };
+            let place = [instance.mesh, i];
+            let plain = without_light(primitive.text(), &self.scene.document, place, stays).map_err(fault)?;
+            if let Some(&part) = part {
+                splice.replace(primitive, self.primitive(&plain, part)?);
+            } else if plain != primitive.text() {
+                splice.replace(primitive, plain);
             }
         }
         splice.apply().map_err(fault)
