@@ -206,6 +206,17 @@ fn strict_turns_warnings_into_code_5_with_outputs() {
 }
 
 #[test]
+fn layouts_that_are_to_be_kept_must_be_there() {
+    let home = folder();
+    let all =
+        ["bake", path(&fixture("cornell/cornell.gltf")), "-o", path(home.path()), "--uv", "keep"].map(str::to_owned);
+    let said = text(&expect(&all.each_ref().map(String::as_str), 1).stderr);
+    let error = said.lines().find(|l| l.starts_with("error: ")).unwrap();
+    assert!(error.contains("no TEXCOORD_1 to keep") && error.contains("more nodes") && error.contains(", "), "{error}");
+    assert!(files(home.path()).is_empty());
+}
+
+#[test]
 fn a_black_bake_says_why() {
     let home = folder();
     let cornell = fixture("cornell/cornell.gltf");

@@ -10,7 +10,7 @@
 //! [`MAX_STRETCH`] of the mean in every direction. With [`Uv::Auto`], charts must also not share texels at the wanted
 //! density, unless as those made here do (`specks`); those that do become one chart. And for all but [`OUTLIERS`] of the
 //! area, look-ups in one must not read another, unless no padding is asked for: layouts that were packed for a larger page
-//! would bleed.
+//! would bleed. With [`Uv::Keep`], every part that gets a lightmap must have one.
 
 use super::Error;
 use super::Settings;
@@ -48,6 +48,9 @@ const BORDER: f32 = 1e-4;
 /// Overlap samples per triangle.
 const SAMPLES: usize = 64;
 
+/// Nodes that a message names.
+const MOST_NAMES: usize = 5;
+
 /// The parts of each block of a layout, see [`Piece::owners`].
 type Owners = Vec<Vec<u32>>;
 
@@ -72,6 +75,9 @@ pub(super) fn kept_blocks(
     let mut kept = Kept { pieces: Vec::new(), part_is_kept: vec![false; scene.parts.len()], warnings: Vec::new() };
     if settings.uv == Uv::Generate {
         return Ok(kept);
+    }
+    if settings.uv == Uv::Keep {
+        all_have_one(scene)?;
     }
     let candidate = |p: &usize| {
         let part = &scene.parts[*p];
@@ -105,6 +111,20 @@ pub(super) fn kept_blocks(
     kept.join_pages(scene, settings, guard)?;
     kept.warnings.sort_by_key(|(part, _)| *part);
     Ok(kept)
+}
+
+/// All parts that get a lightmap have a `TEXCOORD_1`.
+fn all_have_one(scene: &Scene) -> Result<(), Error> {
+    let without = scene.parts.iter().filter(|p| p.receives && !p.has_uv1 && !p.triangles.is_empty());
+    let mut nodes: Vec<&str> = without.map(|p| p.name.as_str()).collect();
+    nodes.dedup();
+    let all = nodes.len();
+    nodes.truncate(MOST_NAMES);
+    match all - nodes.len() {
+        _ if all == 0 => Ok(()),
+        0 => Err(Error::MissingUv { nodes: nodes.join(", ") }),
+        more => Err(Error::MissingUv { nodes: format!("{} and {more} more nodes", nodes.join(", ")) }),
+    }
 }
 
 impl Kept {

@@ -109,7 +109,7 @@ pub enum Uv {
     /// Keep it where it is a usable lightmap layout, otherwise chart anew and warn.
     #[default]
     Auto,
-    /// Keep it; an unusable one is an error. Primitives without one are charted.
+    /// Keep it; where it is missing or unusable, that is an error.
     Keep,
     /// Chart everything anew.
     Generate,
@@ -187,6 +187,12 @@ pub enum Error {
         node: String,
         /// What is wrong with it.
         reason: String,
+    },
+    /// `TEXCOORD_1` is to be kept but is not there.
+    #[error("{nodes}: there is no TEXCOORD_1 to keep as a lightmap layout; make one, or use --uv auto")]
+    MissingUv {
+        /// Names of the nodes, with commas.
+        nodes: String,
     },
     /// A setting is out of range.
     #[error("{0}")]
