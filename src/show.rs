@@ -71,7 +71,8 @@ pub(crate) fn outcome(outcome: &Outcome, verbose: bool) {
         atlas.page_size[0],
         atlas.page_size[1],
         atlas.utilization * 100.0,
-        report.walk.bounces,
+        // The gather is one more.
+        report.walk.bounces + u32::from(report.gather.rays > 0),
     );
     if let Some(vertices) = &report.vertices {
         let [fit, sampled] = [vertices.fit_nrmse, vertices.sampled_nrmse].map(|e| e * 100.0);

@@ -217,6 +217,24 @@ fn layouts_that_are_to_be_kept_must_be_there() {
 }
 
 #[test]
+fn the_last_line_counts_all_bounces_and_the_report_the_document() {
+    let home = folder();
+    let (cornell, report) = (fixture("cornell/cornell.gltf"), home.path().join("r.json"));
+    let bake = |more: &[&str]| {
+        let all =
+            [&["bake", path(&cornell), "-o", path(home.path()), "--report", path(&report)], more, &QUICK].concat();
+        text(&expect(&all, 0).stderr)
+    };
+    for n in ["0", "1", "3"] {
+        let said = bake(&["--bounces", n]);
+        assert!(said.contains(&format!(", {n} bounces, ")), "{n}: {said}");
+    }
+    let count = |file: &Path| serde_json::from_slice::<serde_json::Value>(&fs::read(file).unwrap()).unwrap();
+    let materials = count(&cornell)["materials"].as_array().unwrap().len();
+    assert_eq!(count(&report)["scene"]["materials"], materials);
+}
+
+#[test]
 fn a_black_bake_says_why() {
     let home = folder();
     let cornell = fixture("cornell/cornell.gltf");

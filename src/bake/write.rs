@@ -240,7 +240,7 @@ impl Facts<'_> {
             scene: report::SceneCounts {
                 triangles: scene.triangle_count() as u64,
                 instances: scene.parts.len() as u64,
-                materials: scene.materials.len() as u64,
+                materials: scene.document.root.materials.len() as u64,
                 lights: scene.lights.len() as u64,
             },
             atlas: report::AtlasCounts {
