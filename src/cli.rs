@@ -134,7 +134,7 @@ pub struct Compare {
     #[arg(long, value_name = "M")]
     pub mask: Option<PathBuf>,
     /// Exit with code 7 if the NRMSE is above X
-    #[arg(long, value_name = "X")]
+    #[arg(long, value_name = "X", value_parser = most_error)]
     pub fail: Option<f64>,
     /// Print JSON
     #[arg(long)]
@@ -148,7 +148,7 @@ pub struct Render {
     #[arg(value_name = "BAKED")]
     pub input: PathBuf,
     /// The picture to write: .png with exposure and tone curve, or .exr with radiance in cd/m²
-    #[arg(short, long, value_name = "PNG|EXR")]
+    #[arg(short, long, value_name = "PNG|EXR", value_parser = picture)]
     pub output: PathBuf,
     /// Camera of the document, by number [default: the first]
     #[arg(long, value_name = "N", conflicts_with = "auto")]
@@ -166,7 +166,7 @@ pub struct Render {
     #[arg(long, value_name = "N", default_value_t = 16)]
     pub samples: u32,
     /// Exposure in stops [default: by the picture's log-average]
-    #[arg(long, value_name = "STOPS", allow_negative_numbers = true)]
+    #[arg(long, value_name = "STOPS", allow_negative_numbers = true, value_parser = stops)]
     pub exposure: Option<f32>,
     /// Show charts or texel density instead of light
     #[arg(long, value_enum, default_value = "none")]
@@ -203,6 +203,25 @@ pub struct Check {
     /// Number of threads [default: all]
     #[arg(long, value_name = "N")]
     pub threads: Option<usize>,
+}
+
+/// The name of a picture that can be written.
+fn picture(typed: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(typed);
+    let known = |e: &std::ffi::OsStr| ["png", "exr"].iter().any(|known| e.eq_ignore_ascii_case(known));
+    if path.extension().is_some_and(known) { Ok(path) } else { Err("the name must end in .png or .exr".to_owned()) }
+}
+
+/// An exposure.
+fn stops(typed: &str) -> Result<f32, String> {
+    let stops: f32 = typed.parse().map_err(|_| format!("{typed} is no number"))?;
+    if stops.is_finite() { Ok(stops) } else { Err("it must be finite".to_owned()) }
+}
+
+/// An error that a comparison may find; nothing is above NaN, so it would let all pass.
+fn most_error(typed: &str) -> Result<f64, String> {
+    let most: f64 = typed.parse().map_err(|_| format!("{typed} is no number"))?;
+    if most >= 0.0 { Ok(most) } else { Err("it must be a number from 0 on".to_owned()) }
 }
 
 /// A limit as it is typed.

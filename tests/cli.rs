@@ -109,6 +109,16 @@ fn usage_errors_are_code_2() {
     fs::write(&config, "gatherr = 3\n").unwrap();
     let said = text(&expect(&["bake", path(&office), "-o", out, "--config", path(&config)], 2).stderr);
     assert!(said.contains("gatherr") && said.contains("c.toml"), "{said}");
+    for words in [
+        &["compare", "a.exr", "b.exr", "--fail", "nan"][..],
+        &["compare", "a.exr", "b.exr", "--fail=-1"],
+        &["render", "a.glb", "-o", "a.png", "--exposure", "nan"],
+        &["render", "a.glb", "-o", "a.png", "--exposure", "inf"],
+        &["render", "a.glb", "-o", "a.jpg"],
+        &["render", "a.glb", "-o", "a"],
+    ] {
+        expect(words, 2);
+    }
     expect(&["bake", path(&office)], 2);
     expect(&[], 2);
 }
