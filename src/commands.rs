@@ -14,7 +14,7 @@ use texelwalk::output::formats::Format;
 use texelwalk::output::{File, atomic, exr, png, targets};
 use texelwalk::render::{Lightmaps, View};
 use texelwalk::scene;
-use texelwalk::settings::{Options, Preset, Target};
+use texelwalk::settings::{MOST_THREADS, Options, Preset, Settings, Target};
 use texelwalk::{compare, html, inspect, output, render};
 
 /// Exit codes; a contract with build systems.
@@ -42,12 +42,11 @@ pub(crate) enum Exit {
 type Outcome = Result<Exit, (Exit, String)>;
 
 pub(crate) fn bake(typed: cli::Bake, interrupt: &Interrupt) -> Outcome {
-    let options = layered(typed.options, typed.config.as_deref(), typed.preset)?;
-    let settings = options.settings().map_err(|e| (Exit::Usage, e.to_string()))?;
+    let (settings, threads) = layered(&typed.options, typed.config.as_deref(), typed.preset)?;
     if typed.usd.is_some() && settings.target == Target::Lightmap && !settings.format.contains(&Format::Exr) {
         return Err((Exit::Usage, "--usd refers to the lightmap as EXR; add exr to --format".to_owned()));
     }
-    start_threads(options.threads)?;
+    start_threads(threads)?;
     let observer: Box<dyn Observer> = show::observer(typed.quiet, typed.verbose);
     let request = Request {
         input: typed.input,
@@ -74,22 +73,33 @@ pub(crate) fn bake(typed: cli::Bake, interrupt: &Interrupt) -> Outcome {
     Ok(if strict { Exit::Strict } else { Exit::Ok })
 }
 
-/// Options over those of a configuration file over those of a preset.
-fn layered(options: Options, config: Option<&Path>, preset: Preset) -> Result<Options, (Exit, String)> {
-    let mut options = options;
-    if let Some(path) = config {
-        let text = std::fs::read_to_string(path).map_err(|e| (Exit::Io, format!("{}: {e}", path.display())))?;
-        let below = Options::from_toml(&text).map_err(|e| (Exit::Usage, format!("{}: {e}", path.display())))?;
-        options = options.over(below);
-    }
+/// Options over those of a configuration file over those of a preset: settings, and the number of threads. A fault that is
+/// not there without the file is told with its name.
+fn layered(
+    typed: &Options,
+    config: Option<&Path>,
+    preset: Preset,
+) -> Result<(Settings, Option<usize>), (Exit, String)> {
     let preset = Options::preset(preset).map_err(|e| (Exit::Usage, e.to_string()))?;
-    Ok(options.over(preset))
+    let alone = typed.clone().over(preset.clone());
+    let Some(path) = config else {
+        let settings = alone.settings().map_err(|e| (Exit::Usage, e.to_string()))?;
+        return Ok((settings, alone.threads));
+    };
+    let named = |why: &str| format!("{}: {why}", path.display());
+    let text = std::fs::read_to_string(path).map_err(|e| (Exit::Io, named(&e.to_string())))?;
+    let below = Options::from_toml(&text).map_err(|e| (Exit::Usage, named(&e.to_string())))?;
+    let options = typed.clone().over(below).over(preset);
+    let settings = options.settings().map_err(|e| {
+        let (why, without) = (e.to_string(), alone.settings().err().map(|e| e.to_string()));
+        (Exit::Usage, if without.as_ref() == Some(&why) { why } else { named(&why) })
+    })?;
+    Ok((settings, options.threads))
 }
 
 /// Starts the threads that work, of which this one is the first: hundreds of short loops are run from here, and each would
 /// have to wake a thread and wait for it. Beside busy programs a bake on one thread took up to twice as long.
 fn start_threads(threads: Option<usize>) -> Result<(), (Exit, String)> {
-    const MOST_THREADS: usize = 1024;
     if let Some(n) = threads.filter(|n| !(1..=MOST_THREADS).contains(n)) {
         return Err((Exit::Usage, format!("--threads {n} is out of range; it must lie between 1 and {MOST_THREADS}")));
     }
@@ -127,8 +137,7 @@ fn output_exit(error: &output::Error) -> Exit {
 
 pub(crate) fn inspect(typed: &cli::Inspect) -> Outcome {
     let own = Options { texels_per_meter: typed.texels_per_meter, scene: typed.scene, ..Options::default() };
-    let options = layered(own, typed.config.as_deref(), typed.preset)?;
-    let settings = options.settings().map_err(|e| (Exit::Usage, e.to_string()))?;
+    let (settings, _) = layered(&own, typed.config.as_deref(), typed.preset)?;
     start_threads(None)?;
     let facts = inspect::inspect(&typed.input, &settings).map_err(|e| (bake_exit(&e), e.to_string()))?;
     let text = if typed.json { facts.to_json() } else { facts.to_text() };

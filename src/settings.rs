@@ -4,6 +4,7 @@
 //! named). The presets are the files in `pipelines/presets`; their keys and those of a configuration file are the long
 //! option names.
 
+mod alternatives;
 mod choices;
 mod color;
 mod directional;
@@ -206,12 +207,15 @@ pub struct Options {
     pub variant: Option<String>,
     /// Radiance of the sky in cd/m², as R,G,B or one number; world +y is up
     #[arg(long, value_name = "R,G,B", value_parser = parse_color, help_heading = "Scene")]
+    #[serde(default, deserialize_with = "color::read")]
     pub sky: Option<[f32; 3]>,
     /// Radiance at the horizon; the sky is a gradient up to --sky at the zenith
     #[arg(long, value_name = "R,G,B", value_parser = parse_color, help_heading = "Scene")]
+    #[serde(default, deserialize_with = "color::read")]
     pub sky_horizon: Option<[f32; 3]>,
     /// Radiance from below the horizon [default: as the horizon]
     #[arg(long, value_name = "R,G,B", value_parser = parse_color, help_heading = "Scene")]
+    #[serde(default, deserialize_with = "color::read")]
     pub sky_ground: Option<[f32; 3]>,
     /// Angular diameter of every sun in degrees (the real one: 0.53) [default: what the document says, else 0]
     #[arg(long, value_name = "DEGREES", help_heading = "Scene")]
@@ -379,9 +383,11 @@ impl Options {
     /// The options of a configuration file's text.
     ///
     /// # Errors
-    /// If it is not TOML, or a key or value is unknown; the message has the line.
+    /// If it is not TOML, a key or value is unknown (the message has the line), or two keys say the same.
     pub fn from_toml(text: &str) -> Result<Self, Invalid> {
-        toml::from_str(text).map_err(|e| Invalid(e.to_string()))
+        let options: Self = toml::from_str(text).map_err(|e| Invalid(e.to_string()))?;
+        options.check_alternatives()?;
+        Ok(options)
     }
 
     /// These options, and those of `below` where these have none. An option and its alternative count as one.
@@ -454,6 +460,7 @@ impl Options {
     /// If a value is out of its range; the message names the option and the range.
     pub fn settings(&self) -> Result<Settings, Invalid> {
         let density = self.texel_size.map(|m| 1.0 / m).or(self.texels_per_meter).unwrap_or(16.0);
+        self.threads.map_or(Ok(1), |n| within("--threads", n, 1, MOST_THREADS))?;
         let zenith = self.sky.unwrap_or([0.0; 3]);
         let horizon = self.sky_horizon.unwrap_or(zenith);
         let settings = Settings {
@@ -541,6 +548,8 @@ fn within<T: PartialOrd + core::fmt::Display>(option: &str, value: T, low: T, hi
     Err(Invalid(format!("{option} {value} is out of range; it must lie between {low} and {high}")))
 }
 
+/// Threads that can be asked for.
+pub const MOST_THREADS: usize = 1024;
 /// Far above any error or number of seconds that means something, and small enough to be a time.
 const MOST: f64 = 1e9;
 

@@ -99,6 +99,7 @@ fn usage_errors_are_code_2() {
         &["--sky", "1,2"],
         &["--preset", "best"],
         &["--lines", "5", "--lines-per-texel", "5"],
+        &["--texel-size", "5", "--texels-per-meter", "5"],
     ] {
         let mut all = vec!["bake", path(&office), "-o", out];
         all.extend(more);
@@ -109,6 +110,21 @@ fn usage_errors_are_code_2() {
     fs::write(&config, "gatherr = 3\n").unwrap();
     let said = text(&expect(&["bake", path(&office), "-o", out, "--config", path(&config)], 2).stderr);
     assert!(said.contains("gatherr") && said.contains("c.toml"), "{said}");
+    // The file is named if the fault is its own.
+    let faults = [
+        ("threads = 0", "--threads 0"),
+        ("texels-per-meter = -1.0", "--texels-per-meter -1"),
+        ("texel-size = 0.1\ntexels-per-meter = 3.0", "texels-per-meter and texel-size"),
+        ("[[rules]]\nnodes = [\"a\"]\ndensity = 100", "rule 1"),
+        ("seed = 1", "--alpha 9"),
+    ];
+    for (text, message) in faults {
+        fs::write(&config, text).unwrap();
+        let own: &[&str] = if text == "seed = 1" { &["--alpha", "9", "--beta", "3"] } else { &[] };
+        let words = [&["bake", path(&office), "-o", out, "--config", path(&config)], own].concat();
+        let said = crate::text(&expect(&words, 2).stderr);
+        assert!(said.contains(message) && said.contains("c.toml") == own.is_empty(), "{said}");
+    }
     for words in [
         &["compare", "a.exr", "b.exr", "--fail", "nan"][..],
         &["compare", "a.exr", "b.exr", "--fail=-1"],
