@@ -3,6 +3,9 @@
 //! Each light is evaluated at four points of the texel, which is exact for cubic functions (linear ones where its surface is
 //! cut, see `Patches::quarters`). A light is cut by an edge where these cells do not agree on it, and where a neighbouring
 //! texel's cells all say the opposite: then the edge runs between the points of the two, and takes up to a quarter of either.
+//! Where cells of a texel do not agree but those of two texels on opposite sides of it do, no one edge is there but something
+//! thin, as a wire or a leaf, or the corner of something: it may pass between the points of the texels around, so these
+//! count as cut, too.
 //! Glass has edges, too: they are where the share of light that passes differs by more than `LEAST_EDGE` (without this, texels
 //! cut by the shadow of a tinted pane were up to a quarter of the light off). Edges are left to the samples, and so are lights
 //! nearer than [`NEAR`], and all light on normal maps, which change faster than cells.
@@ -76,16 +79,32 @@ pub(super) fn hard<'a>(look: &(impl Fn() -> Look<'a> + Sync), neighbors: &Neighb
     }
     let all = u64::MAX >> (64 - look().emitters.hard.len());
     let first = parallel::map_watched(n, progress, |i| cells(&mut look(), i, u64::MAX));
+    let thin = parallel::map(n, |i| thin(&first, neighbors, i));
     let edges = parallel::map(n, |i| {
         let own = &first[i];
-        let mut edges = (own.any ^ own.all) | own.uneven;
-        neighbors.of(i, |j| edges |= own.edges_between(&first[j]));
+        let mut edges = (own.any ^ own.all) | own.uneven | thin[i];
+        neighbors.of(i, |j| edges |= own.edges_between(&first[j]) | thin[j]);
         if look().has_relief(i) { all } else { edges }
     });
     let again = parallel::map(n, |i| if edges[i] == 0 { first[i] } else { cells(&mut look(), i, !edges[i]) });
     let rays: u64 = (0..n).map(|i| first[i].rays + if edges[i] == 0 { 0 } else { again[i].rays }).sum();
     let (irradiance, slope) = again.iter().map(|c| (c.mean, c.slope)).unzip();
     Hard { irradiance, vectors: vectors(&|i| again[i].vector), slope, edges, rays }
+}
+
+/// Lights of which something hides, or lets through, a part of a patch that no straight edge of a shadow would: what is lit
+/// beside a straight edge is convex.
+fn thin(cells: &[Cells], neighbors: &Neighbors<'_>, patch: usize) -> u64 {
+    let own = cells[patch].any ^ cells[patch].all;
+    if own == 0 {
+        return 0;
+    }
+    let around = neighbors.around(patch);
+    let both = |k: usize| match (around[k], around[8 - k]) {
+        (Some(a), Some(b)) => cells[a].all & cells[b].all | !cells[a].any & !cells[b].any,
+        _ => 0,
+    };
+    (0..4).fold(0, |found, k| found | own & both(k))
 }
 
 /// Mean over the cells, of the lights in `mask`.

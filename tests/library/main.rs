@@ -57,4 +57,5 @@ mod specks;
 mod splice;
 mod stated;
 mod terminator;
+mod thin_shadows;
 mod vertex_output;
