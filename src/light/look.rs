@@ -235,7 +235,7 @@ impl<'a> Look<'a> {
         let Some((cosine, origin)) = self.leave(place, s.direction) else { return Lit::default() };
         let target = self.tracer.leave(&piece.ground, s.b, -s.direction);
         self.rays += 1;
-        let ray = Ray { origin, direction: target - origin, t_max: 1.0 };
+        let ray = Ray { origin, direction: piece.ground.way(origin, target), t_max: 1.0 };
         let (unblocked, unhidden) = (self.tracer.unblocked(&ray, place.left(s.direction)), s.weighted * cosine);
         if unblocked == Rgb::ZERO {
             return Lit { unhidden, ..Lit::default() };
@@ -281,7 +281,7 @@ impl<'a> Look<'a> {
         let (_, origin) = self.leave(place, direction)?;
         let target = surface.origin(spot, -direction);
         self.rays += 1;
-        let ray = Ray { origin, direction: target - origin, t_max: 1.0 };
+        let ray = Ray { origin, direction: surface.ground(spot).way(origin, target), t_max: 1.0 };
         let unblocked = self.tracer.unblocked(&ray, place.left(direction));
         let Place { position, normal, .. } = *place;
         let sight = Sight { patch, position, normal, direction, distance, facing };

@@ -186,3 +186,22 @@ fn what_hides_a_part_of_a_lamp_makes_few_samples_no_darker() {
     let spread = (few.iter().map(|v| (v - off).powi(2)).fold(0.0, |a, b| a + b) / 39.0 / 40.0).sqrt();
     assert!(off.abs() < 3.0 * spread + 1e-3, "{off} ± {spread}");
 }
+
+#[test]
+fn a_screen_near_a_plane_through_zero_lights_as_it_does_elsewhere() {
+    // The ends of ways to it are rounded by more than they are off it.
+    let floor_under = |z: f32| {
+        let mut all = square(Vec3::new(-2.0, -1.0, 4.0 + z), Vec3::X * 4.0, Vec3::Z * -4.0).to_vec();
+        all.extend(square(Vec3::new(-0.6, 0.1, z), Vec3::X * 1.2, Vec3::Y * 0.7));
+        let mut scene = support::scene_from_triangles(&all);
+        split(&mut scene, 2);
+        let stage = Stage::new(&scene, 8.0);
+        let light = stage.direct(16);
+        stage.mean(&light, |i| stage.patches.normal[i].y > 0.9)
+    };
+    let expected = floor_under(5.0);
+    for z in [0.001, 0.004, 0.02, 0.0254, 0.05, 0.1] {
+        let found = floor_under(z) / expected;
+        assert!((found - 1.0).abs() < 2e-3, "at {z} m: {found} of the light");
+    }
+}
