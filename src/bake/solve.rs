@@ -130,6 +130,8 @@ pub(super) struct Solver<'a> {
     /// Irradiance of the front patches by them.
     glared: Glared,
     gathered: Gathered,
+    /// The place of each patch, by the first pass.
+    places: Vec<u32>,
     /// About what each patch would still have got after the last walks [lx]; empty where that is negligible.
     left: Vec<f32>,
     /// Samples and lines so far.
@@ -252,6 +254,7 @@ impl<'a> Solver<'a> {
             left: vec![],
             spent: [0.0; 2],
             power: report::Walk::default(),
+            places: vec![],
             shadow_rays: 0,
         }
     }
@@ -274,6 +277,9 @@ impl<'a> Solver<'a> {
         let sends = |i: usize| patches.is_met(i) && patches.casts(tracer.scene(), i);
         let source = |i: usize| if sends(i) { direct[i] * patches.exposed_area(i) } else { Rgb::ZERO };
         let found = clock.timed("walk", |progress| {
+            if self.places.is_empty() && settings.direct == DirectMode::Gather {
+                self.places = walk::places(tracer, patches, graph, progress);
+            }
             let tilts = (settings.direct == DirectMode::Gather).then(|| self.direct_tilts(setup, &direct));
             [0, 1].map(|half| {
                 let seed = mix(pass_seed.wrapping_mul(2).wrapping_add(half));
@@ -283,7 +289,7 @@ impl<'a> Solver<'a> {
                 let shot = EmittedLines { flux: sources.flux(), line: &line };
                 let emitted = (settings.direct == DirectMode::Shoot).then_some(&shot);
                 let how = walk_settings(settings, budget, half, seed);
-                let start = walk::Start { unshot, tilts: tilts.as_ref(), emitted };
+                let start = walk::Start { unshot, tilts: tilts.as_ref(), places: &self.places, emitted };
                 walk::walk(tracer, patches, graph, start, &how, progress)
             })
         })?;

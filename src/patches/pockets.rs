@@ -17,7 +17,7 @@
 use super::cells::{MASK_GRID, cell_index};
 use super::exposed::{LEAST_EXPOSED, LOW};
 use super::turn::narrow;
-use super::{PatchGraph, Patches, readers};
+use super::{PatchGraph, Patches, SurfacePoint, readers};
 use crate::base::random::Stage;
 use crate::base::{Frame, Progress, Sets, Stream, parallel, warp};
 use crate::trace::{Ground, Ray, Tracer};
@@ -102,7 +102,8 @@ impl Patches {
     }
 
     /// Patches that are linked, by a number for each.
-    fn regions(&self, graph: &PatchGraph) -> Vec<u32> {
+    #[must_use]
+    pub fn regions(&self, graph: &PatchGraph) -> Vec<u32> {
         let mut sets = Sets::new(self.len());
         for i in 0..self.len() {
             graph.neighbors(i).iter().copied().chain(graph.across(i)).for_each(|j| sets.join(i, j as usize));
@@ -172,6 +173,16 @@ impl Patches {
             // What is open first: most cells see the next texel, and few see none of either.
             sees_any(from, &open) || stays_unseen && !sees_any(from, &shut)
         };
+        self.left_where(tracer, patch, |_, position| stays(position))
+    }
+
+    /// What is left of what is exposed of a patch where points of it, which lie at a position [m], stay.
+    pub(super) fn left_where(
+        &self,
+        tracer: &Tracer<'_>,
+        patch: usize,
+        stays: impl Fn(SurfacePoint, Vec3) -> bool,
+    ) -> Left {
         let front = self.front_patch(patch);
         let mut cells = [Cell::default(); (MASK_GRID * MASK_GRID) as usize];
         for f in self.fragments.range(front) {
@@ -183,9 +194,9 @@ impl Patches {
                 cells[k].area += area;
                 cells[k].position += position * area;
                 areas[k] = area;
-                points[k] = self.is_exposed_at(patch, centroid).then_some(position);
+                points[k] = self.is_exposed_at(patch, centroid).then_some((point, position));
             });
-            let known = between(|k| points[k].map(&stays));
+            let known = between(|k| points[k].map(|(point, position)| stays(point, position)));
             (0..cells.len()).filter(|&k| known[k] && points[k].is_some()).for_each(|k| cells[k].open += areas[k]);
         }
         Left::of(&cells)

@@ -41,6 +41,7 @@ mod normal_maps;
 mod output;
 mod overlaid;
 mod party;
+mod places;
 mod quantized;
 mod ray_origins;
 mod rays;

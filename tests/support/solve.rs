@@ -73,6 +73,11 @@ impl<'a> Stage<'a> {
     }
 
     pub fn walk_with(&self, direct: Option<&[Rgb]>, settings: &walk::Settings) -> Walk {
+        self.walk_in(&[], direct, settings)
+    }
+
+    /// The same in places that light hardly goes between.
+    pub fn walk_in(&self, places: &[u32], direct: Option<&[Rgb]>, settings: &walk::Settings) -> Walk {
         let p = &self.patches;
         let unshot = |d: &[Rgb]| (0..p.len()).map(|i| p.scattered(i, |k| d[k] * p.exposed_area(k))).collect();
         let start = direct.map_or_else(|| vec![Rgb::ZERO; p.len()], unshot);
@@ -80,7 +85,7 @@ impl<'a> Stage<'a> {
         let line = |k, n| sources.line(k, n);
         let emitted = EmittedLines { flux: sources.flux(), line: &line };
         let emitted = direct.is_none().then_some(&emitted);
-        let start = walk::Start { unshot: start, tilts: None, emitted };
+        let start = walk::Start { unshot: start, tilts: None, places, emitted };
         walk::walk(&self.tracer, p, &self.graph, start, settings, &Progress::default())
     }
 
