@@ -421,7 +421,7 @@ fn some_of(patches: &Patches, patch: usize) -> impl Iterator<Item = usize> + use
 }
 
 /// About the centres of the outermost cells: corners of what the triangles cover of a texel, moved in a little.
-fn outline(patches: &Patches, patch: usize) -> Vec<SurfacePoint> {
+pub(super) fn outline(patches: &Patches, patch: usize) -> Vec<SurfacePoint> {
     let mut out = vec![];
     for f in some_of(patches, patch) {
         let triangle = patches.fragments.triangle(patch, f);

@@ -17,6 +17,7 @@ mod behind;
 mod blocks;
 mod cells;
 mod clear;
+mod covered;
 mod crossable;
 mod exposed;
 mod facing;
@@ -128,6 +129,7 @@ impl Patches {
         let mut patches = texel::patches(tracer.scene(), atlas);
         let closed = Closed::new(tracer.scene());
         exposed::find(&mut patches, tracer, &closed, progress);
+        covered::take_out(&mut patches, tracer, progress);
         patches.close(tracer, progress);
         patches.find_readers(tracer, &closed, progress);
         patches.find_plain();

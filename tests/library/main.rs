@@ -23,6 +23,7 @@ mod basis;
 mod check;
 mod choices;
 mod contact;
+mod covered;
 mod cut_contacts;
 mod directional;
 mod emitters;

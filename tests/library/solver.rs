@@ -422,11 +422,12 @@ fn error_of_the_classic_walk_falls_with_the_square_root_of_the_lines() {
     assert!((few / many - 1.0).abs() < 0.15, "MSE × lines: {few} with 40,000, {many} with 640,000");
 }
 
-/// Irradiance of a ceiling by what a floor reflects, which an awning just above it covers and shades by half.
+/// Irradiance of a ceiling by what a floor reflects, which an awning above it covers and shades by half: too high to count as
+/// what hides it.
 fn ceiling_over_shade(texels_per_meter: f32, tilted: bool) -> f64 {
     let floor = square(Vec3::ZERO, Vec3::Z, Vec3::X);
-    let awning = square(Vec3::new(0.5, 0.01, 0.0), Vec3::Z, Vec3::X * 0.5);
-    let below = square(Vec3::new(0.5, 0.009, 0.0), Vec3::X * 0.5, Vec3::Z);
+    let awning = square(Vec3::new(0.5, 0.12, 0.0), Vec3::Z, Vec3::X * 0.5);
+    let below = square(Vec3::new(0.5, 0.119, 0.0), Vec3::X * 0.5, Vec3::Z);
     let ceiling = square(Vec3::Y, Vec3::X, Vec3::Z);
     let mut scene = support::scene_from_triangles(&[floor, awning, below, ceiling].concat());
     scene.lights.push(Light::Point {
