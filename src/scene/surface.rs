@@ -219,7 +219,8 @@ impl Scene {
     /// The alpha of [`Scene::base_color`], without its colour: this is asked for at every hit of a masked surface.
     fn alpha(&self, material: &Material, triangle: u32, b: Vec2) -> f32 {
         let [a0, a1, a2] = self.stored_corners(triangle).0.map(|v| self.vertices.color[v as usize].w);
-        let mut alpha = material.base_color.w * (a0 * (1.0 - b.x - b.y) + a1 * b.x + a2 * b.y);
+        // Exact where all three are equal: a cutoff may be that very value.
+        let mut alpha = material.base_color.w * (a0 + (a1 - a0) * b.x + (a2 - a0) * b.y);
         if let Some(r) = &material.base_color_texture {
             alpha *= self.textures[r.texture].sample_alpha(self.texture_uv(triangle, b, r));
         }
@@ -231,7 +232,7 @@ impl Scene {
     pub fn base_color(&self, triangle: u32, b: Vec2) -> Vec4 {
         let material = self.material(triangle);
         let [c0, c1, c2] = self.stored_corners(triangle).0.map(|v| self.vertices.color[v as usize]);
-        let mut color = material.base_color * (c0 * (1.0 - b.x - b.y) + c1 * b.x + c2 * b.y);
+        let mut color = material.base_color * (c0 + (c1 - c0) * b.x + (c2 - c0) * b.y);
         if let Some(r) = &material.base_color_texture {
             color *= self.textures[r.texture].sample_srgb(self.texture_uv(triangle, b, r));
         }

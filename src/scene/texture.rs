@@ -60,7 +60,7 @@ impl Texture {
 
     fn filter<T>(&self, uv: Vec2, decode: impl Fn([u8; 4]) -> T) -> T
     where
-        T: Copy + core::ops::Mul<f32, Output = T> + core::ops::Add<Output = T>,
+        T: Copy + core::ops::Mul<f32, Output = T> + core::ops::Add<Output = T> + core::ops::Sub<Output = T>,
     {
         let (x0, x1, fx) = pair(uv.x, self.width, self.wrap[0], self.nearest);
         let (y0, y1, fy) = pair(uv.y, self.height, self.wrap[1], self.nearest);
@@ -68,8 +68,10 @@ impl Texture {
         if self.nearest {
             return texel(x0, y0);
         }
-        let row = |y: usize| texel(x0, y) * (1.0 - fx) + texel(x1, y) * fx;
-        row(y0) * (1.0 - fy) + row(y1) * fy
+        // Exact between equal values: an alpha of one must not miss a cutoff of one by rounding.
+        let between = |a: T, b: T, share: f32| a + (b - a) * share;
+        let row = |y: usize| between(texel(x0, y), texel(x1, y), fx);
+        between(row(y0), row(y1), fy)
     }
 }
 

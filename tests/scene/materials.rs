@@ -175,6 +175,29 @@ fn alpha_is_factor_times_texture_times_vertex_colour() {
     assert_eq!(scene.opacity(0, at), 0.0);
 }
 
+/// Alpha at the cutoff is opaque (glTF 2.0, section 3.9.4), at every point and by whatever factor it comes.
+#[test]
+fn alpha_that_is_the_cutoff_leaves_no_holes() {
+    let at =
+        |k: u32| Vec2::from_array(texelwalk::base::low_discrepancy::Sequence::new(7).point(k)[..2].try_into().unwrap());
+    for cutoff in [0.25f32, 0.3, 0.5, 0.8, 1.0] {
+        for (factor, vertex, texel) in [(cutoff, 1.0, 255), (1.0, cutoff, 255), (1.0, 1.0, (cutoff * 255.0) as u8)] {
+            let mut b = textured(json!({}), json!({}));
+            b.texture(3, &[[9, 99, 199, texel]; 9]);
+            b.set("/materials/0/pbrMetallicRoughness/baseColorTexture/index", json!(1));
+            b.set("/materials/0/pbrMetallicRoughness/baseColorFactor", json!([1, 1, 1, factor]));
+            b.set("/materials/0/alphaMode", json!("MASK"));
+            b.set("/materials/0/alphaCutoff", json!(if texel < 255 { f32::from(texel) / 255.0 } else { cutoff }));
+            let color = b.floats("VEC4", &[1., 1., 1., vertex].repeat(4));
+            b.set("/meshes/0/primitives/0/attributes/COLOR_0", json!(color));
+            let scene = load(&b);
+            let point = |k| if at(k).element_sum() > 1.0 { Vec2::ONE - at(k) } else { at(k) };
+            let holes = (0..4000).filter(|k| scene.opacity(k % 2, point(*k)) < 1.0).count();
+            assert_eq!(holes, 0, "cutoff {cutoff}: {factor} × {vertex} × {texel}");
+        }
+    }
+}
+
 #[test]
 fn unlit_materials_block_light_and_receive_none() {
     let mut b = Builder::square(json!({"emissiveFactor": [1, 1, 1], "extensions": {"KHR_materials_unlit": {}}}));
