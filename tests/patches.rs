@@ -7,7 +7,7 @@ mod solve;
 #[path = "support/mod.rs"]
 mod support;
 
-use glam::{Vec2, Vec3};
+use glam::{Affine2, Vec2, Vec3};
 use solve::{Stage, load};
 use std::collections::BTreeSet;
 use std::time::Instant;
@@ -16,7 +16,7 @@ use texelwalk::atlas::NO_CHART;
 use texelwalk::base::random::{Stage as Draws, Stream};
 use texelwalk::base::{Progress, Rgb};
 use texelwalk::patches::{PatchSurface, Patches};
-use texelwalk::scene::{Material, Part};
+use texelwalk::scene::{Material, Part, Texture, TextureRef, Wrap};
 
 /// Boxes with normals of their own, smooth legs, textures, sheets with two sides, mirrored instances.
 const SCENES: [(&str, f32); 4] = [
@@ -89,6 +89,23 @@ fn normals_that_are_kept_are_those_of_every_point() {
                 assert!(a.distance(b) < 1e-6, "{name}, patch {i}: {a}, at the point {b}");
             }
         }
+    }
+}
+
+/// Pictures that repeat once for each look at a texel, and a few times: all looks at one place of them would see one pixel.
+#[test]
+fn patterns_that_repeat_with_the_texels_have_their_mean() {
+    let [o, x, y] = [Vec3::ZERO, Vec3::X * 4.0, Vec3::Z * 4.0];
+    let base_color_texture = Some(TextureRef { texture: 0, uv_set: 0, transform: Affine2::IDENTITY });
+    let mut scene = scene_with_material(&[[o, x + y, x], [o, y, x + y]], Material { base_color_texture, ..white() });
+    let pixels = (0..64).map(|i| if i % 8 < 2 || i / 8 == 3 { [255; 4] } else { [0; 4] }).collect();
+    scene.textures.push(Texture { width: 8, height: 8, pixels, wrap: [Wrap::Repeat; 2], nearest: false });
+    for repeats in [1.0, 4.0, 8.0, 60.0] {
+        scene.vertices.uv[0] = scene.vertices.position.iter().map(|p| Vec2::new(p.x, p.z) * 16.0 * repeats).collect();
+        let patches = Stage::new(&scene, 16.0).patches;
+        let mean = patches.reflectance.iter().map(|r| f64::from(r.x)).fold(0.0, |a, b| a + b) / patches.len() as f64;
+        let expected = 22.0 / 64.0;
+        assert!((mean / expected - 1.0).abs() < 0.02, "{repeats} a texel: {mean} of {expected}");
     }
 }
 

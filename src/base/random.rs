@@ -28,6 +28,8 @@ pub enum Stage {
     Pockets = 8,
     /// Light where near rays of the gather hit.
     Anew = 9,
+    /// Where textures are looked at.
+    Textures = 10,
 }
 
 /// Mixes 64 bits; a bijection in which every input bit changes half of the output bits.

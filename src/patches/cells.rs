@@ -149,12 +149,8 @@ impl Patches {
         if total > 0.0 { (sum / total).as_vec2() } else { Vec2::splat(0.5) }
     }
 
-    /// [`Patches::cells`] for one fragment, hidden cells included.
-    pub(super) fn fragment_cells(&self, front: usize, f: usize, n: u32, mut visit: impl FnMut(SurfacePoint, f32)) {
-        self.cell_centroids(front, f, n, |point, _, area| visit(point, area));
-    }
-
-    /// Calls `visit(point, centroid in texel coordinates, area [texel²])`.
+    /// [`Patches::cells`] for one fragment, hidden cells included: calls `visit(point, centroid in texel coordinates, area
+    /// [texel²])`.
     pub(super) fn cell_centroids(
         &self,
         front: usize,

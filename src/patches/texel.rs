@@ -1,14 +1,21 @@
 //! Charts → texel patches: which triangles reach into which texel, and the patch that they form together.
+//!
+//! Where a texture makes a difference, its mean is that of 16 looks, one in each cell of [`TEXTURE_GRID`]. In cells that a
+//! triangle fills they are points of a scrambled sequence, other ones in every texel: patterns that repeat once in a
+//! cell, or any whole number of times, would show all centres of cells the same.
 
 use super::laid::Laid;
 use super::{NO_PATCH, Patches, fragments};
 use crate::atlas::{Atlas, NO_CHART};
+use crate::base::low_discrepancy::Sequence;
+use crate::base::random::{Stage, mix};
 use crate::base::{Rgb, parallel};
 use crate::scene::Scene;
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DVec2, DVec3, Vec2, Vec3};
 
 /// Points per texel side at which textured reflectance and emission are read.
 const TEXTURE_GRID: u32 = 4;
+const LOOKS: usize = (TEXTURE_GRID * TEXTURE_GRID) as usize;
 
 /// What the pieces of one texel add up to.
 struct Texel {
@@ -98,6 +105,27 @@ fn summarise(scene: &Scene, patches: &Patches, patch: usize) -> Texel {
     sum
 }
 
+/// Area of a cell that a triangle fills, but for rounding [texel²].
+const WHOLE_CELL: f32 = 0.9999 / LOOKS as f32;
+
+/// The cell of a point within the texel.
+fn cell(point: DVec2) -> usize {
+    let along = |t: f64| ((t * f64::from(TEXTURE_GRID)) as usize).min(TEXTURE_GRID as usize - 1);
+    along(point.y) * TEXTURE_GRID as usize + along(point.x)
+}
+
+/// A point in each cell of a texel.
+fn looks_in(texel: u32) -> [DVec2; LOOKS] {
+    let sequence = Sequence::new(mix((Stage::Textures as u64) << 56 | u64::from(texel)));
+    let mut looks = [DVec2::splat(0.5); LOOKS];
+    for k in 0..LOOKS as u32 {
+        let [x, y, ..] = sequence.point(k);
+        let point = DVec2::new(x.into(), y.into());
+        looks[cell(point)] = point;
+    }
+    looks
+}
+
 /// Means over one fragment.
 #[derive(Default)]
 struct Mean {
@@ -127,8 +155,14 @@ impl Mean {
             return at(center);
         }
         let (mut sum, mut weight) = (Self::default(), 0.0);
-        patches.fragment_cells(patch, fragment, TEXTURE_GRID, |point, area| {
-            let point = at(point.b);
+        let (map, mut looks) = (patches.map(triangle, patch), None);
+        patches.cell_centroids(patch, fragment, TEXTURE_GRID, |point, centroid, area| {
+            let point = if area >= WHOLE_CELL {
+                let looks = looks.get_or_insert_with(|| looks_in(patches.texel[patch]));
+                at(map.weights(looks[cell(centroid)]))
+            } else {
+                at(point.b)
+            };
             sum.reflectance += point.reflectance * area;
             sum.through += point.through * area;
             sum.passing += point.passing * area;
