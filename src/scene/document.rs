@@ -93,18 +93,27 @@ impl Document {
 
     /// The bytes behind a URI, at most `limit` of them; notes the file in `files_read`.
     pub(super) fn resource(&mut self, text: &str, context: &str, limit: usize) -> Result<Vec<u8>, Error> {
+        let (bytes, file) = self.find(text, context, limit)?;
+        self.note(file);
+        Ok(bytes)
+    }
+
+    /// Notes a file in `files_read`.
+    pub(super) fn note(&mut self, file: Option<PathBuf>) {
+        if let Some(path) = file.filter(|path| !self.files_read.contains(path)) {
+            self.files_read.push(path);
+        }
+    }
+
+    /// The bytes behind a URI, at most `limit` of them, and the file that they are from.
+    pub(super) fn find(&self, text: &str, context: &str, limit: usize) -> Result<(Vec<u8>, Option<PathBuf>), Error> {
         let resource = uri::resolve(text).map_err(|why| Error::invalid(format!("{context}: its URI {why}")))?;
         let files = match resource {
-            Resource::Data(bytes) => return Ok(bytes),
+            Resource::Data(bytes) => return Ok((bytes, None)),
             Resource::Files(files) => files,
         };
         match uri::read(self.path.parent().unwrap_or(Path::new("")), &files, limit) {
-            Ok((path, bytes)) => {
-                if !self.files_read.contains(&path) {
-                    self.files_read.push(path);
-                }
-                Ok(bytes)
-            }
+            Ok((path, bytes)) => Ok((bytes, Some(path))),
             Err((path, e)) if e.kind() == io::ErrorKind::NotFound => {
                 Err(Error::invalid(format!("{context}: its file {} does not exist", path.display())))
             }

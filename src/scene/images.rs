@@ -1,12 +1,9 @@
 //! Decodes the images that the materials in use need, in parallel: PNG, JPEG, WebP, KTX2 and DDS to 8-bit RGBA.
 //!
 //! In: document, materials, and which textures may be coarser (`reduce`). Out: one [`Texture`] per texture of the
-//! document; those that are not needed are one white texel. The format is told from the bytes, as many documents state
+//! document, of some the product with another one; those that are not needed are one white texel. The format is told from the bytes, as many documents state
 //! it wrongly. Colour profiles and orientation tags are ignored (glTF 2.0, section 3.8.3). 16-bit values are rounded to
 //! 8 bits.
-//!
-//! Scaled down are PNG and JPEG files and parts of buffers alone: of the others, and of data URIs, the decoded pixels are
-//! what a USD layer gets.
 //!
 //! Bounds, all checked from the image headers before anything is decoded: [`MAX_SIDE`], [`MAX_PIXELS`], [`PNG_RATIO`]
 //! and its like.
@@ -14,10 +11,14 @@
 use super::Document;
 use super::Error;
 use super::Material;
+use super::Scene;
 use super::basis;
 use super::dds;
 use super::reduce;
+use super::reduce::Image;
+use super::reduce::Loss;
 use super::reduce::Role;
+use super::reduce::Task;
 use super::reduce::Use;
 use super::schema::TextureEntry;
 use super::schema::TextureSource;
@@ -32,7 +33,7 @@ use std::collections::BTreeMap;
 use std::collections::BTreeSet;
 use std::collections::btree_map::Entry;
 use std::io::Cursor;
-use std::path::Path;
+use std::path::PathBuf;
 
 /// Largest width and height [px]; larger textures exist on no GPU.
 const MAX_SIDE: u32 = 16_384;
@@ -66,10 +67,29 @@ struct Source {
     /// Image and material, for messages.
     place: String,
     size: [u32; 2],
-    /// The decoded pixels are for the bake alone.
-    own: bool,
+    scaling: Scaling,
+}
+
+/// How an image is scaled down; `covers` as of [`Use`].
+#[derive(Clone, Copy, PartialEq)]
+enum Scaling {
+    Kept,
     /// How often both sides are halved, and what the pixels are.
-    reduced: Option<(u32, Role)>,
+    Alone {
+        halvings: u32,
+        role: Role,
+        covers: bool,
+    },
+    /// With another image, which is replaced by the product: how often both sides of this one and of the product are
+    /// halved.
+    Colors {
+        other: usize,
+        halvings: [u32; 2],
+        loss: Loss,
+        covers: bool,
+    },
+    /// The other image.
+    Takes,
 }
 
 impl Source {
@@ -87,6 +107,13 @@ pub(super) struct Pixels {
     pub(super) passing: u64,
 }
 
+/// Textures, and those of them that hold a product.
+pub(super) struct Textures {
+    pub(super) textures: Vec<Texture>,
+    /// Of colours of another texture and what theirs left of them.
+    pub(super) products: BTreeSet<usize>,
+}
+
 /// Decodes what `materials` use, if `admit` has nothing against that many pixels; `coarse` are textures that may be
 /// scaled down.
 pub(super) fn decode(
@@ -95,20 +122,26 @@ pub(super) fn decode(
     coarse: &BTreeMap<usize, Use>,
     warnings: &mut Vec<Warning>,
     admit: impl FnOnce(Pixels) -> Result<(), Error>,
-) -> Result<Vec<Texture>, Error> {
+) -> Result<Textures, Error> {
     let mut needs = collect(document, materials)?;
     needs.reduce(coarse);
     admit(needs.pixels())?;
     let Needs { textures, sources } = needs;
-    let order: Vec<(&usize, &Source)> = sources.iter().collect();
-    let decoded = parallel::map(order.len(), |i| decode_one(order[i].1));
-    let mut images = BTreeMap::new();
-    for ((index, _), image) in order.iter().zip(decoded) {
-        images.insert(**index, image?);
+    let order: Vec<(&usize, &Source)> = sources.iter().filter(|(_, s)| s.scaling != Scaling::Takes).collect();
+    let decoded = parallel::map(order.len(), |i| decode_scaled(order[i].1, &sources));
+    let (mut images, mut multiplied) = (BTreeMap::new(), BTreeSet::new());
+    for ((index, source), found) in order.iter().zip(decoded) {
+        let (image, other) = found?;
+        images.insert(**index, image);
+        if let (Scaling::Colors { other: index, .. }, Some((image, is_product))) = (source.scaling, other) {
+            images.insert(index, image);
+            multiplied.extend(is_product.then_some(index));
+        }
     }
     let mut left: BTreeMap<usize, usize> = BTreeMap::new();
     textures.values().for_each(|image| *left.entry(*image).or_default() += 1);
     let mut result = Vec::with_capacity(document.root.textures.len());
+    let products = textures.iter().filter(|(_, image)| multiplied.contains(image)).map(|(t, _)| *t).collect();
     for (index, entry) in document.root.textures.iter().enumerate() {
         let (width, height, pixels) = match textures.get(&index) {
             // Two textures that show one image get a copy each; that is rare, and counted in `MAX_PIXELS`. The last one
@@ -119,7 +152,7 @@ pub(super) fn decode(
         let (wrap, nearest) = sampler(document, index, entry, warnings)?;
         result.push(Texture { width, height, pixels, wrap, nearest });
     }
-    Ok(result)
+    Ok(Textures { textures: result, products })
 }
 
 /// A decoded image: width, height, pixels.
@@ -141,31 +174,62 @@ struct Needs {
 }
 
 impl Needs {
-    /// Plans how far images are scaled down: as far as all textures that show them may be, in the same role.
+    /// Plans how far images are scaled down: as far as all textures that show them may be, in the same role. Of what only
+    /// two of them together say, each is shown by one texture.
     fn reduce(&mut self, coarse: &BTreeMap<usize, Use>) {
         let Self { textures, sources } = self;
-        let mut first = BTreeSet::new();
-        for (texture, image) in textures {
-            let Some(source) = sources.get_mut(image).filter(|source| source.own) else { continue };
-            let wanted = coarse.get(texture).map(|of| (of.halvings(source.size), of.role));
-            source.reduced = match (first.insert(*image), source.reduced, wanted) {
-                (true, _, wanted) => wanted,
-                (false, Some((a, role)), Some((b, other))) if role == other => Some((a.min(b), role)),
-                _ => None,
-            };
-        }
-        for source in sources.values_mut() {
-            source.reduced = source.reduced.filter(|(halvings, _)| *halvings > 0);
+        let mut shown: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        textures.iter().for_each(|(texture, image)| shown.entry(*image).or_default().push(*texture));
+        for (image, by) in &shown {
+            let uses: Option<Vec<&Use>> = by.iter().map(|texture| coarse.get(texture)).collect();
+            let Some(uses) = uses else { continue };
+            let covers = uses.iter().any(|of| of.covers);
+            let size = sources[image].size;
+            match uses[0].task {
+                Task::Alone(role) if uses.iter().all(|of| of.task == uses[0].task) => {
+                    let halvings = uses.iter().map(|of| of.halvings(size)).min().unwrap_or(0);
+                    if halvings > 0 {
+                        sources.entry(*image).and_modify(|s| s.scaling = Scaling::Alone { halvings, role, covers });
+                    }
+                }
+                Task::Colors(texture, loss) if uses.len() == 1 => {
+                    let other = textures[&texture];
+                    let all = reduce::common([size, sources[&other].size]);
+                    let halvings = [size, all].map(|size| uses[0].halvings(size));
+                    if other != *image && shown[&other].len() == 1 && halvings[1] > 0 {
+                        let scaling = Scaling::Colors { other, halvings, loss, covers };
+                        sources.entry(*image).and_modify(|s| s.scaling = scaling);
+                        sources.entry(other).and_modify(|s| s.scaling = Scaling::Takes);
+                    }
+                }
+                _ => {}
+            }
         }
     }
 
     fn pixels(&self) -> Pixels {
-        let kept = |source: &Source| source.pixels() >> (2 * source.reduced.map_or(0, |(halvings, _)| halvings));
-        let mut reduced: Vec<u64> = self.sources.values().filter(|s| s.reduced.is_some()).map(Source::pixels).collect();
-        reduced.sort_unstable_by(|a, b| b.cmp(a));
+        let many = |[width, height]: [u32; 2]| u64::from(width) * u64::from(height);
+        let mut kept: BTreeMap<usize, u64> = self.sources.iter().map(|(image, s)| (*image, s.pixels())).collect();
+        let mut passing = vec![];
+        for (image, source) in &self.sources {
+            match source.scaling {
+                Scaling::Alone { halvings, covers: false, .. } => {
+                    passing.push(source.pixels());
+                    kept.insert(*image, many(reduce::halved(source.size, halvings)));
+                }
+                Scaling::Colors { other, halvings, covers: false, .. } => {
+                    let size = self.sources[&other].size;
+                    passing.push(source.pixels() + many(size));
+                    kept.insert(*image, many(reduce::halved(source.size, halvings[0])));
+                    kept.insert(other, many(reduce::halved(reduce::common([source.size, size]), halvings[1])));
+                }
+                _ => {}
+            }
+        }
+        passing.sort_unstable_by(|a, b| b.cmp(a));
         Pixels {
-            kept: self.textures.values().filter_map(|image| self.sources.get(image)).map(kept).sum(),
-            passing: reduced.iter().take(rayon::current_num_threads()).sum(),
+            kept: self.textures.values().filter_map(|image| kept.get(image)).sum(),
+            passing: passing.iter().take(rayon::current_num_threads()).sum(),
         }
     }
 }
@@ -184,7 +248,11 @@ fn collect(document: &mut Document, materials: &[Material]) -> Result<Needs, Err
                 .map_err(|e| e.within(&format!("texture {texture} of material {}", material.name)))?;
             let source = match sources.entry(image) {
                 Entry::Occupied(known) => known.into_mut(),
-                Entry::Vacant(new) => new.insert(open(document, image, &format!("material {}", material.name))?),
+                Entry::Vacant(new) => {
+                    let (source, file) = open(document, image, &format!("material {}", material.name))?;
+                    document.note(file);
+                    new.insert(source)
+                }
             };
             pixels += source.pixels();
             if pixels > MAX_PIXELS {
@@ -225,7 +293,8 @@ pub(super) struct Picture {
 
 /// Decodes one image for `user`, of at most `most` pixels.
 pub(super) fn decode_alone(document: &mut Document, index: usize, user: &str, most: u64) -> Result<Picture, Error> {
-    let source = open(document, index, user)?;
+    let (source, file) = open(document, index, user)?;
+    document.note(file);
     if source.pixels() > most {
         let what = format!("{} has {} pixels; {most} are the limit, scale it down", source.place, source.pixels());
         return Err(Error::unsupported(what));
@@ -235,14 +304,25 @@ pub(super) fn decode_alone(document: &mut Document, index: usize, user: &str, mo
     Ok(Picture { width, height, rgbd: png && has_alpha(&source)?, pixels })
 }
 
+impl Scene {
+    /// An image as it is in the document, whatever was made of it: width and height [px], and encoded values.
+    ///
+    /// # Errors
+    /// Its file is gone or was changed since the scene was read.
+    pub fn decoded_image(&self, index: usize) -> Result<Decoded, Error> {
+        let decode = || decode_one(&open(&self.document, index, "the document")?.0);
+        decode().map_err(|e| e.in_file(&self.document.path))
+    }
+}
+
 fn has_alpha(source: &Source) -> Result<bool, Error> {
     let decoder = image::codecs::png::PngDecoder::new(Cursor::new(&source.bytes));
     let decoder = decoder.map_err(|e| Error::invalid(format!("{} cannot be decoded: {e}", source.place)))?;
     Ok(image::ImageDecoder::color_type(&decoder).has_alpha())
 }
 
-/// The encoded bytes of an image.
-fn open(document: &mut Document, index: usize, user: &str) -> Result<Source, Error> {
+/// The encoded bytes of an image, and the file that they are from.
+fn open(document: &Document, index: usize, user: &str) -> Result<(Source, Option<PathBuf>), Error> {
     let Some(image) = document.root.images.get(index) else {
         let have = document.root.images.len();
         let what = format!("image {index}, needed by {user}, does not exist, there are {have}");
@@ -250,10 +330,9 @@ fn open(document: &mut Document, index: usize, user: &str) -> Result<Source, Err
     };
     let named = image.name.as_deref().or(image.uri.as_deref().filter(|u| !u.starts_with("data:")));
     let place = format!("image {index} \"{}\" of {user}", label(named, "image", index));
-    let (view, uri) = (image.buffer_view, image.uri.clone());
-    let bytes = match (view, &uri) {
-        (Some(view), _) => document.buffer_view(view).map_err(|e| e.within(&place))?.to_vec(),
-        (None, Some(uri)) => document.resource(uri, &place, usize::MAX)?,
+    let (bytes, file) = match (image.buffer_view, &image.uri) {
+        (Some(view), _) => (document.buffer_view(view).map_err(|e| e.within(&place))?.to_vec(), None),
+        (None, Some(uri)) => document.find(uri, &place, usize::MAX)?,
         (None, None) => return Err(Error::invalid(format!("{place} has neither a URI nor a buffer view"))),
     };
     let format = match image::guess_format(&bytes) {
@@ -265,17 +344,9 @@ fn open(document: &mut Document, index: usize, user: &str) -> Result<Source, Err
         }
         _ => return Err(Error::invalid(format!("{place} is neither PNG nor JPEG nor WebP nor KTX2 nor DDS"))),
     };
-    let file = uri.is_some_and(|uri| !uri.starts_with("data:") && has_usual_name(&uri));
-    let own = matches!(format, Format::Common(ImageFormat::Png | ImageFormat::Jpeg)) && (view.is_some() || file);
-    let mut source = Source { bytes, format, place, size: [0; 2], own, reduced: None };
+    let mut source = Source { bytes, format, place, size: [0; 2], scaling: Scaling::Kept };
     source.size = size(&source)?;
-    Ok(source)
-}
-
-/// Readers know what is in the file by its name.
-fn has_usual_name(uri: &str) -> bool {
-    let extension = Path::new(uri).extension().unwrap_or_default();
-    ["png", "jpg", "jpeg"].iter().any(|known| extension.eq_ignore_ascii_case(known))
+    Ok((source, file))
 }
 
 fn reader(bytes: &[u8], format: ImageFormat) -> ImageReader<Cursor<&[u8]>> {
@@ -331,13 +402,34 @@ fn decode_one(source: &Source) -> Result<Decoded, Error> {
     if width == 0 || height == 0 {
         return Err(Error::invalid(format!("{place} has no pixels")));
     }
-    if let Some((halvings, role)) = source.reduced
-        && [width, height] == source.size
-    {
-        let ([width, height], pixels) = reduce::reduce([width, height], &pixels, halvings, role);
-        return Ok((width, height, pixels));
-    }
     Ok((width, height, pixels))
+}
+
+/// The image, scaled down as was planned, and the other one that goes with it: whether that is their product.
+fn decode_scaled(
+    source: &Source,
+    sources: &BTreeMap<usize, Source>,
+) -> Result<(Decoded, Option<(Decoded, bool)>), Error> {
+    let whole = decode_one(source)?;
+    let (width, height, pixels) = &whole;
+    let image = Image { size: [*width, *height], pixels };
+    let is_even = |covers: bool| !covers || pixels.iter().all(|p| p[3] == pixels[0][3]);
+    let small = |([width, height], pixels): ([u32; 2], Vec<[u8; 4]>)| (width, height, pixels);
+    match source.scaling {
+        Scaling::Alone { halvings, role, covers } if image.size == source.size && is_even(covers) => {
+            Ok((small(reduce::reduce(image, halvings, role)), None))
+        }
+        Scaling::Colors { other, halvings, loss, covers } => {
+            let second = decode_one(&sources[&other])?;
+            if !is_even(covers) {
+                return Ok((whole, Some((second, false))));
+            }
+            let of = Image { size: [second.0, second.1], pixels: &second.2 };
+            let product = small(reduce::product(image, of, halvings[1], loss));
+            Ok((small(reduce::reduce(image, halvings[0], Role::Color)), Some((product, true))))
+        }
+        _ => Ok((whole, None)),
+    }
 }
 
 fn sampler(

@@ -118,13 +118,16 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         material.translucency = None;
         material.normal_map = None;
     }
-    let coarse =
-        settings.albedo_density.map(|density| reduce::uses(&geometry, &materials, density)).unwrap_or_default();
-    let textures = images::decode(&mut document, &materials, &coarse, &mut warnings, |pixels| {
+    let uses = |density: f32| reduce::uses(&document.root, &geometry, &materials, density);
+    let coarse = settings.albedo_density.map(uses).unwrap_or_default();
+    let decoded = images::decode(&mut document, &materials, &coarse, &mut warnings, |pixels| {
         footprint.texture_pixels = pixels.kept;
         footprint.passing_pixels = pixels.passing;
         footprint.admit(settings.memory_limit)
     })?;
+    for material in &mut materials {
+        material.read_products(&decoded.products);
+    }
     let environment = if settings.sky.is_black() { image_light::read(&mut document, settings.scene)? } else { None };
     let cameras = cameras::read(&document.root, &walk, &mut warnings);
     let scene = Scene {
@@ -134,7 +137,7 @@ fn assemble(bytes: Vec<u8>, path: &Path, settings: &Settings) -> Result<Warned<S
         triangle_part: geometry.triangle_part,
         parts: geometry.parts,
         materials,
-        textures,
+        textures: decoded.textures,
         lights: shining.lights,
         light_nodes: shining.nodes,
         groups: Groups { lights: shining.groups, parts: parts_groups },

@@ -24,6 +24,7 @@ use glam::Mat2;
 use glam::Vec2;
 use glam::Vec4;
 use serde::Deserialize;
+use std::collections::BTreeSet;
 
 /// A glTF material, reduced to what a diffuse bake uses. Factors are linear.
 #[derive(Debug, Clone)]
@@ -38,6 +39,9 @@ pub struct Material {
     pub metallic: f32,
     /// Blue channel multiplies `metallic` (linear).
     pub metallic_texture: Option<TextureRef>,
+    /// Multiplies the factor of `base_color` (sRGB encoded): base colour and what metalness or specular colours leave of
+    /// it in one texture, for reflectance instead of theirs; only where images were scaled down.
+    pub diffuse_texture: Option<TextureRef>,
     /// Specular factor of a material that has a texture of specular colours; else black.
     pub specular: Rgb,
     /// Multiplies `specular` (sRGB encoded).
@@ -147,6 +151,12 @@ impl Material {
     #[must_use]
     pub fn glows(&self) -> bool {
         !self.unlit && self.emission.max_element() > 0.0
+    }
+
+    /// Takes the product of two textures for diffuse reflectance, where the second one holds that.
+    pub(super) fn read_products(&mut self, products: &BTreeSet<usize>) {
+        let second = self.metallic_texture.or(self.specular_texture);
+        self.diffuse_texture = second.filter(|r| products.contains(&r.texture));
     }
 
     /// The textures that it uses.
@@ -262,6 +272,7 @@ fn convert(entry: &MaterialEntry, name: String, root: &Root, warnings: &mut Vec<
         base_color,
         base_color_texture: texture(&pbr.base_color_texture, color_matters)?,
         metallic,
+        diffuse_texture: None,
         metallic_texture: texture(&pbr.metallic_roughness_texture, metallic > 0.0 && !unlit)?,
         specular: specular.clamp(Rgb::ZERO, Rgb::ONE),
         specular_texture: match textured {

@@ -79,6 +79,11 @@ impl Scene {
         if material.unlit {
             return Rgb::ZERO;
         }
+        if let Some(r) = &material.diffuse_texture {
+            let texel = self.textures[r.texture].sample_srgb(self.texture_uv(triangle, b, r)).truncate();
+            let color = self.color_factor(material, triangle, b).truncate() * texel;
+            return color.clamp(Rgb::ZERO, Rgb::ONE);
+        }
         let base = self.base_color(triangle, b).truncate();
         self.scattered(material, triangle, b, base * (1.0 - self.translucence(material, triangle, b)))
     }
@@ -231,12 +236,17 @@ impl Scene {
     #[must_use]
     pub fn base_color(&self, triangle: u32, b: Vec2) -> Vec4 {
         let material = self.material(triangle);
-        let [c0, c1, c2] = self.stored_corners(triangle).0.map(|v| self.vertices.color[v as usize]);
-        let mut color = material.base_color * (c0 + (c1 - c0) * b.x + (c2 - c0) * b.y);
+        let mut color = self.color_factor(material, triangle, b);
         if let Some(r) = &material.base_color_texture {
             color *= self.textures[r.texture].sample_srgb(self.texture_uv(triangle, b, r));
         }
         color
+    }
+
+    /// Factor × vertex colour.
+    fn color_factor(&self, material: &Material, triangle: u32, b: Vec2) -> Vec4 {
+        let [c0, c1, c2] = self.stored_corners(triangle).0.map(|v| self.vertices.color[v as usize]);
+        material.base_color * (c0 + (c1 - c0) * b.x + (c2 - c0) * b.y)
     }
 
     /// Coordinates of a texture at a point of a triangle.

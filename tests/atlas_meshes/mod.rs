@@ -297,6 +297,7 @@ fn material() -> Material {
         base_color_texture: None,
         metallic: 0.0,
         metallic_texture: None,
+        diffuse_texture: None,
         emission: Rgb::ZERO,
         emission_texture: None,
         specular: Vec3::ZERO,

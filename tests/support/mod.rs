@@ -15,6 +15,7 @@ pub fn white() -> Material {
         base_color_texture: None,
         metallic: 0.0,
         metallic_texture: None,
+        diffuse_texture: None,
         emission: Vec3::ZERO,
         emission_texture: None,
         specular: Vec3::ZERO,

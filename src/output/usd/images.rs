@@ -1,14 +1,14 @@
 //! Images that materials read, as files that USD readers can open.
 //!
 //! PNG and JPEG files stay where they are and are referred to. Those inside of the document's buffers are copied out,
-//! byte for byte. What is WebP, KTX2 or a data URI is written as PNG, from the pixels that the bake has used.
+//! byte for byte. What is WebP, KTX2, DDS or a data URI is decoded once more, since a bake may have scaled it down, and
+//! written as PNG.
 
 use super::asset;
 use crate::output::Error;
 use crate::output::Files;
 use crate::output::names;
 use crate::scene::Scene;
-use crate::scene::Texture;
 use image::ImageEncoder;
 use image::ImageFormat;
 use image::codecs::png::CompressionType;
@@ -41,7 +41,7 @@ impl Images {
                 let path = match done.entry(image) {
                     Entry::Occupied(known) => known.get().clone(),
                     Entry::Vacant(new) => {
-                        let path = images.place(scene, image, &scene.textures[texture], layer)?;
+                        let path = images.place(scene, image, layer)?;
                         new.insert(path).clone()
                     }
                 };
@@ -56,7 +56,7 @@ impl Images {
         self.path.get(&texture).map_or("@@", String::as_str)
     }
 
-    fn place(&mut self, scene: &Scene, image: usize, pixels: &Texture, layer: &Path) -> Result<String, Error> {
+    fn place(&mut self, scene: &Scene, image: usize, layer: &Path) -> Result<String, Error> {
         let document = &scene.document;
         let entry = &document.root.images[image];
         if let Some(file) = entry.uri.as_deref().and_then(|uri| readable(&document.path, uri)) {
@@ -67,7 +67,7 @@ impl Images {
         let (extension, bytes) = match (format, raw) {
             (Some(ImageFormat::Png), Some(bytes)) => ("png", bytes.to_vec()),
             (Some(ImageFormat::Jpeg), Some(bytes)) => ("jpg", bytes.to_vec()),
-            _ => ("png", png(layer, pixels)?),
+            _ => ("png", png(layer, scene, image)?),
         };
         let file = names::beside(layer, &format!("image{image}.{extension}"));
         let path = asset(layer, &file)?;
@@ -86,10 +86,11 @@ fn readable(document: &Path, uri: &str) -> Option<PathBuf> {
     [decoded, names::parent(document).join(uri)].into_iter().find(|p| known(p) && p.is_file())
 }
 
-fn png(layer: &Path, texture: &Texture) -> Result<Vec<u8>, Error> {
+fn png(layer: &Path, scene: &Scene, image: usize) -> Result<Vec<u8>, Error> {
+    let (width, height, pixels) = scene.decoded_image(image)?;
     let mut out = Vec::new();
     PngEncoder::new_with_quality(&mut out, CompressionType::Default, FilterType::Adaptive)
-        .write_image(texture.pixels.as_flattened(), texture.width, texture.height, image::ExtendedColorType::Rgba8)
+        .write_image(pixels.as_flattened(), width, height, image::ExtendedColorType::Rgba8)
         .map_err(|e| Error::invalid(layer, format!("an image of the document cannot be encoded: {e}")))?;
     Ok(out)
 }

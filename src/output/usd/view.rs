@@ -69,6 +69,9 @@ fn material(bake: &Bake<'_>, text: &mut Text, baked: Baked) {
 /// Mean diffuse reflectance: factors times the means of the textures.
 fn reflectance(scene: &Scene, material: &Material) -> Rgb {
     let pixels = |texture: &TextureRef| scene.textures[texture.texture].pixels.as_slice();
+    if let Some(diffuse) = &material.diffuse_texture {
+        return material.base_color.truncate() * mean(pixels(diffuse), srgb_to_linear);
+    }
     let color = material.base_color_texture.as_ref().map_or(Rgb::ONE, |t| mean(pixels(t), srgb_to_linear));
     let metal = material.metallic_texture.as_ref().map_or(1.0, |t| mean(pixels(t), |stored| stored).z);
     material.base_color.truncate() * color * (1.0 - material.metallic * metal)
