@@ -1,16 +1,18 @@
 //! Parts and materials as light sees them.
 //!
-//! Means over textures are those of a grid of [`GRID`]² points over the whole texture, filtered; what coordinates really
-//! show of it is not looked at.
+//! Means over textures are those of [`LOOKS`] spread points over the whole texture, filtered; what coordinates really show of
+//! it is not looked at. Textures that lie alike are looked at in the same points, so that means of products are that;
+//! others in points of their own, as if nothing tied them together. Vertex colours, alpha and translucency are left out.
 
 use crate::atlas::{Atlas, NO_CHART};
 use crate::base::Rgb;
+use crate::base::low_discrepancy::Sequence;
 use crate::scene::{Alpha, Material, Scene, Texture, TextureRef};
 use core::f64::consts::PI;
 use glam::{Vec2, Vec4};
 
-/// Points along each side of a texture.
-const GRID: usize = 64;
+/// Points on a texture.
+const LOOKS: u32 = 4096;
 
 /// One primitive as placed by one node.
 #[derive(Debug, serde::Serialize)]
@@ -54,7 +56,7 @@ pub struct MaterialFacts {
     pub name: String,
     /// Factor of the diffuse reflectance, textures left out.
     pub reflectance: [f32; 3],
-    /// The same times the mean of the base colour texture; specular and metallic textures left out.
+    /// Mean diffuse reflectance, all textures included.
     pub mean_reflectance: [f32; 3],
     /// Emitted radiance, textures left out [cd/m²].
     pub emission: [f32; 3],
@@ -140,7 +142,7 @@ pub(super) fn material(scene: &Scene, index: usize) -> MaterialFacts {
     MaterialFacts {
         name: m.name.clone(),
         reflectance: factor.to_array(),
-        mean_reflectance: (factor * mean(scene, m.base_color_texture.as_ref())).to_array(),
+        mean_reflectance: mean_reflectance(scene, m).to_array(),
         emission: m.emission.to_array(),
         mean_emission: mean_emission(scene, m).to_array(),
         double_sided: m.double_sided,
@@ -158,7 +160,8 @@ fn mean_emission(scene: &Scene, material: &Material) -> Rgb {
     let texture = |r: &Option<TextureRef>| r.as_ref().and_then(|r| scene.textures.get(r.texture));
     let (glow, cover) = (texture(&material.emission_texture), texture(&material.base_color_texture));
     material.emission
-        * mean_over(|uv| {
+        * mean_over(|[x, y, ..]| {
+            let uv = Vec2::new(x, y);
             let alpha = material.base_color.w * cover.map_or(1.0, |texture| texture.sample_alpha(uv));
             let color = glow.map_or(Vec4::ONE, |texture| texture.sample_srgb(uv));
             color * material.alpha.coverage(alpha)
@@ -166,21 +169,35 @@ fn mean_emission(scene: &Scene, material: &Material) -> Rgb {
         .truncate()
 }
 
-/// Mean colour of a texture; white without one.
-fn mean(scene: &Scene, texture: Option<&TextureRef>) -> Rgb {
-    let texture = texture.and_then(|t| scene.textures.get(t.texture));
-    texture.map_or(Rgb::ONE, |texture| mean_of(texture).truncate())
+/// Mean diffuse reflectance of what is not transparent by its alpha.
+fn mean_reflectance(scene: &Scene, material: &Material) -> Rgb {
+    let look = |r: &Option<TextureRef>, at: &dyn Fn(&TextureRef) -> Vec2, read: fn(&Texture, Vec2) -> Vec4| {
+        let texture = r.as_ref().and_then(|r| Some((scene.textures.get(r.texture)?, at(r))));
+        texture.map_or(Vec4::ONE, |(texture, uv)| read(texture, uv)).truncate()
+    };
+    let lead = [&material.diffuse_texture, &material.base_color_texture, &material.metallic_texture];
+    let lead = lead.into_iter().flatten().next();
+    let mean = mean_over(|[x, y, z, w]| {
+        let is_lead = |r: &TextureRef| lead.is_none_or(|l| (l.uv_set, l.transform) == (r.uv_set, r.transform));
+        let at = |r: &TextureRef| if is_lead(r) { Vec2::new(x, y) } else { Vec2::new(z, w) };
+        let passing = material.transmission * look(&material.transmission_texture, &at, Texture::sample_linear).x;
+        let left = if material.diffuse_texture.is_some() {
+            look(&material.diffuse_texture, &at, Texture::sample_srgb)
+        } else {
+            let metal = material.metallic * look(&material.metallic_texture, &at, Texture::sample_linear).z;
+            let mirror = material.specular * look(&material.specular_texture, &at, Texture::sample_srgb);
+            let color = look(&material.base_color_texture, &at, Texture::sample_srgb);
+            color * ((1.0 - metal) * (1.0 - mirror.max_element()))
+        };
+        (left * (1.0 - passing)).extend(1.0)
+    });
+    material.base_color.truncate() * mean.truncate()
 }
 
-fn mean_of(texture: &Texture) -> Vec4 {
-    mean_over(|uv| texture.sample_srgb(uv))
-}
-
-/// Mean over a whole picture.
-fn mean_over(value: impl Fn(Vec2) -> Vec4) -> Vec4 {
-    let at = |i: usize| (i as f32 + 0.5) / GRID as f32;
-    let points = (0..GRID * GRID).map(|i| Vec2::new(at(i % GRID), at(i / GRID)));
-    points.map(value).fold(Vec4::ZERO, |a, b| a + b) / (GRID * GRID) as f32
+/// Mean over whole pictures: of two places each, which have nothing to do with each other.
+fn mean_over(value: impl Fn([f32; 4]) -> Vec4) -> Vec4 {
+    let sequence = Sequence::new(0);
+    (0..LOOKS).map(|k| value(sequence.point(k))).fold(Vec4::ZERO, |a, b| a + b) / LOOKS as f32
 }
 
 #[cfg(test)]
@@ -193,6 +210,7 @@ mod tests {
         let pixels = vec![[255, 0, 0, 255], [0, 0, 188, 255]];
         let texture = Texture { width: 2, height: 1, pixels, wrap: [Wrap::Repeat; 2], nearest: true };
         // 188 of sRGB is half of the light.
-        assert!((mean_of(&texture) - Vec4::new(0.5, 0.0, 0.2514, 1.0)).abs().max_element() < 1e-3);
+        let mean = mean_over(|[x, y, ..]| texture.sample_srgb(Vec2::new(x, y)));
+        assert!((mean - Vec4::new(0.5, 0.0, 0.2514, 1.0)).abs().max_element() < 1e-3);
     }
 }

@@ -204,3 +204,39 @@ fn images_of_any_size_and_kind_are_scaled_down() {
         assert!((found / expected - 1.0).abs() < 0.01, "{material}: {found} of {expected}");
     }
 }
+
+#[test]
+fn inspect_tells_the_mean_of_the_product() {
+    let [color, metal] = scratched();
+    let steel = color.iter().filter(|p| p[0] == 240).count() as f32 / color.len() as f32;
+    let srgb = |code: f32| texelwalk::base::color::srgb_to_linear(code / 255.0);
+    let colors = srgb(60.0) * (1.0 - steel) + srgb(240.0) * steel;
+    let b = squares(|b| {
+        let [c, m, d, n] = [&color, &metal, &color, &metal].map(|pixels| b.texture(SIDE, pixels));
+        let mut moved = metallic(d, n);
+        moved["pbrMetallicRoughness"]["baseColorTexture"]["extensions"] =
+            json!({"KHR_texture_transform": {"offset": [0.5, 0]}});
+        let mut nearest = vec![metallic(c, m), moved];
+        nearest[0]["pbrMetallicRoughness"]["baseColorFactor"] = json!([0.5, 1, 1, 1]);
+        b.push("samplers", json!({"magFilter": 9728}));
+        for t in [c, m, d, n] {
+            b.set(&format!("/textures/{t}/sampler"), json!(0));
+        }
+        nearest
+    });
+    let home = tempfile::tempdir().unwrap();
+    let input = home.path().join("a.glb");
+    std::fs::write(&input, b.glb(&[])).unwrap();
+    let paint = srgb(60.0) * (1.0 - steel);
+    // All pixels, and a few that are means of products.
+    for density in ["64", "2"] {
+        let options = texelwalk::settings::Options::from_toml(&format!("texels-per-meter = {density}")).unwrap();
+        let facts = texelwalk::inspect::inspect(&input, &options.settings().unwrap()).unwrap();
+        for (material, expected) in facts.materials.iter().zip([paint, colors * (1.0 - steel)]) {
+            let found = material.mean_reflectance[1];
+            assert!((found / expected - 1.0).abs() < 0.03, "{density}: {found} of {expected}");
+        }
+        let half = facts.materials[0].mean_reflectance[0] / facts.materials[0].mean_reflectance[1];
+        assert!((half - 0.5).abs() < 1e-5, "{half}");
+    }
+}
