@@ -17,6 +17,7 @@
 //! `no-triangles`, `not-a-root`, `not-triangles`, `trailing-bytes`, `unsupported-extension`, `unused-rule`.
 
 mod accessor;
+mod animation;
 mod baked_color;
 mod basis;
 mod cameras;

@@ -11,6 +11,7 @@
 //! A listed node whose parent is not in the scene is a root: what is above it does not move it.
 
 use super::Error;
+use super::animation::Channel;
 use super::levels;
 use super::schema::Node;
 use super::schema::Root;
@@ -50,11 +51,8 @@ pub(super) fn walk(root: &Root, scene: Option<usize>, warnings: &mut Vec<Warning
         worlds = self::worlds(root, &parents)?;
     }
     let mut moved = vec![false; root.nodes.len()];
-    for channel in root.animations.iter().flat_map(|a| &a.channels) {
-        if let Some(node) = channel.target.node
-            && ["translation", "rotation", "scale"].contains(&channel.target.path.as_str())
-            && let Some(flag) = moved.get_mut(node)
-        {
+    for node in root.animations.iter().flat_map(|a| &a.channels).filter_map(Channel::moved_node) {
+        if let Some(flag) = moved.get_mut(node) {
             *flag = true;
         }
     }

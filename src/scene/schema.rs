@@ -12,6 +12,7 @@
 
 #![allow(missing_docs, reason = "the names are those of the glTF 2.0 specification and its extensions")]
 
+pub use super::animation::Animation;
 pub use super::draco::Draco;
 pub use super::extras::Own;
 pub use super::image_light::{ImageLightList, SceneExtensions};
@@ -467,26 +468,6 @@ pub struct Skin {
     pub inverse_bind_matrices: Option<usize>,
     #[serde(deserialize_with = "list")]
     pub joints: Vec<usize>,
-}
-
-#[derive(Debug, Default, Clone, Deserialize)]
-#[serde(default)]
-pub struct Animation {
-    pub channels: Vec<Channel>,
-}
-
-#[derive(Debug, Default, Clone, Deserialize)]
-#[serde(default)]
-pub struct Channel {
-    pub target: ChannelTarget,
-}
-
-#[derive(Debug, Default, Clone, Deserialize)]
-#[serde(default)]
-pub struct ChannelTarget {
-    #[serde(deserialize_with = "optional")]
-    pub node: Option<usize>,
-    pub path: String,
 }
 
 impl Root {

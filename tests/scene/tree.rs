@@ -121,6 +121,17 @@ fn animated_nodes_are_reported() {
     let loaded = load_with(&b, &NONE);
     assert_eq!(loaded.warnings[0].code, "animated-node");
     assert!(loaded.output.parts[0].receives);
+    let pointed = |b: &mut Builder, pointer: &str| {
+        let target = json!({"path": "pointer", "extensions": {"KHR_animation_pointer": {"pointer": pointer}}});
+        b.json["animations"] = json!([{"channels": [{"sampler": 0, "target": target}]}]);
+        codes(b)
+    };
+    for path in ["translation", "rotation", "scale"] {
+        assert_eq!(pointed(&mut b, &format!("/nodes/1/{path}")), ["animated-node"], "{path}");
+    }
+    for pointer in ["/nodes/1/weights", "/nodes/77/scale", "/nodes/x/scale", "/nodes/1", "/materials/0/scale", ""] {
+        assert_eq!(pointed(&mut b, pointer), [""; 0], "{pointer}");
+    }
 }
 
 #[test]
