@@ -124,6 +124,7 @@ pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
             .into_iter()
             .chain(charted.warnings)
             .chain(scene.missing_materials())
+            .chain(scene.metals_by_default())
             .chain(scene.nothing_lit())
             .chain(lights::lost(&tracer, &lights::moved(&tracer)))
             .collect(),

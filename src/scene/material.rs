@@ -211,6 +211,28 @@ impl Scene {
         Some(Warning::new("no-material", what).at(&first.name))
     }
 
+    /// Warns of materials of lit surface that are metal only because nothing says what they are: glTF's default for
+    /// metalness is 1. Where somebody wrote that, or a texture of it, nobody is told, nor of what glows.
+    pub fn metals_by_default(&self) -> impl Iterator<Item = Warning> + '_ {
+        let unsaid = |&index: &usize| {
+            let (material, Some(entry)) = (&self.materials[index], self.document.root.materials.get(index)) else {
+                return false;
+            };
+            let pbr = &entry.pbr_metallic_roughness;
+            let says = pbr.metallic_factor.is_some() || pbr.metallic_roughness_texture.is_some();
+            !(says || entry.extensions.specular_glossiness.is_some() || material.unlit || material.glows())
+        };
+        (0..self.materials.len()).filter(unsaid).filter_map(|index| {
+            let part = self.parts.iter().find(|part| part.receives && part.material == index)?;
+            let what = format!(
+                "material {} of {} does not say how metallic it is; by glTF's default that is wholly, so it reflects no \
+                 diffuse light and shows none of its lightmap; give it a metallicFactor, 0 for what is no metal",
+                self.materials[index].name, part.name
+            );
+            Some(Warning::new("metal-by-default", what).at(&part.name))
+        })
+    }
+
     /// Warns that no lightmap comes of the scene because what could have one is unlit: models whose light is in their
     /// textures already often come that way. Where rules or the document want none, nobody is told.
     #[must_use]
@@ -237,7 +259,7 @@ fn convert(entry: &MaterialEntry, name: String, root: &Root, warnings: &mut Vec<
     if !(emission.is_finite() && emission.min_element() >= 0.0) {
         return Err(Error::invalid(format!("its emission {emission} is negative or not finite")));
     }
-    let metallic = pbr.metallic_factor;
+    let metallic = pbr.metallic_factor.unwrap_or(1.0);
     let textured = specular.filter(|s| s.specular_glossiness_texture.is_some());
     let specular = Rgb::from_array(textured.map_or([0.0; 3], |s| s.specular_factor));
     let unlit = entry.extensions.unlit.is_some();

@@ -46,7 +46,7 @@ impl SpecularGlossiness {
         Pbr {
             base_color_factor: self.diffuse_factor,
             base_color_texture: self.diffuse_texture.clone(),
-            metallic_factor: if self.specular_glossiness_texture.is_some() { 0.0 } else { largest },
+            metallic_factor: Some(if self.specular_glossiness_texture.is_some() { 0.0 } else { largest }),
             ..Pbr::default()
         }
     }

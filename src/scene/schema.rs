@@ -323,7 +323,8 @@ impl Default for MaterialEntry {
 pub struct Pbr {
     pub base_color_factor: [f32; 4],
     pub base_color_texture: Option<TextureInfo>,
-    pub metallic_factor: f32,
+    /// 1 where there is none.
+    pub metallic_factor: Option<f32>,
     pub roughness_factor: f32,
     pub metallic_roughness_texture: Option<TextureInfo>,
 }
@@ -333,7 +334,7 @@ impl Default for Pbr {
         Self {
             base_color_factor: [1.0; 4],
             base_color_texture: None,
-            metallic_factor: 1.0,
+            metallic_factor: None,
             roughness_factor: 1.0,
             metallic_roughness_texture: None,
         }

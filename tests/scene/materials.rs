@@ -143,6 +143,37 @@ fn lit_surface_without_a_material_is_told() {
 }
 
 #[test]
+fn metal_that_nobody_asked_for_is_told() {
+    let told = |material: Value| {
+        let mut material = material;
+        material["name"] = json!("Paint");
+        load(&Builder::square(material)).metals_by_default().collect::<Vec<_>>()
+    };
+    for bare in
+        [json!({}), json!({"pbrMetallicRoughness": {"baseColorFactor": [0.6, 0.5, 0.4, 1], "roughnessFactor": 0.9}})]
+    {
+        let found = told(bare);
+        assert_eq!((found.len(), found[0].code, found[0].node.as_deref()), (1, "metal-by-default", Some("node 0")));
+        assert!(found[0].message.starts_with("material Paint of node 0 "), "{}", found[0].message);
+    }
+    for said in [
+        json!({"pbrMetallicRoughness": {"metallicFactor": 1}}),
+        json!({"pbrMetallicRoughness": {"metallicFactor": 0}}),
+        json!({"extensions": {"KHR_materials_pbrSpecularGlossiness": {}}}),
+        json!({"extensions": {"KHR_materials_unlit": {}}}),
+        json!({"emissiveFactor": [1, 1, 1]}),
+    ] {
+        assert_eq!(told(said.clone()), [], "{said}");
+    }
+    let mut b = Builder::square(json!({"pbrMetallicRoughness": {"metallicRoughnessTexture": {"index": 0}}}));
+    b.texture(1, &[[0, 0, 9, 255]]);
+    assert_eq!(load(&b).metals_by_default().count(), 0);
+    let mut b = Builder::square(json!({}));
+    b.set("/nodes/0/extras", json!({"texelwalk": {"receives": false}}));
+    assert_eq!(load(&b).metals_by_default().count(), 0);
+}
+
+#[test]
 fn scenes_whose_surface_is_all_unlit_are_told() {
     let mut b = Builder::square(json!({"extensions": {"KHR_materials_unlit": {}}}));
     let warning = load(&b).nothing_lit().unwrap();
