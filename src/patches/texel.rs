@@ -2,7 +2,8 @@
 //!
 //! Where a texture makes a difference, its mean is that of 16 looks, one in each cell of [`TEXTURE_GRID`]. In cells that a
 //! triangle fills they are points of a scrambled sequence, other ones in every texel: patterns that repeat once in a
-//! cell, or any whole number of times, would show all centres of cells the same.
+//! cell, or any whole number of times, would show all centres of cells the same. Surfaces with holes are looked at in centres:
+//! points of a sequence would leave noise in how much of a texel stops light, 1.3 % over a fence of 100 texels.
 
 use super::laid::Laid;
 use super::{NO_PATCH, Patches, fragments};
@@ -157,7 +158,7 @@ impl Mean {
         let (mut sum, mut weight) = (Self::default(), 0.0);
         let (map, mut looks) = (patches.map(triangle, patch), None);
         patches.cell_centroids(patch, fragment, TEXTURE_GRID, |point, centroid, area| {
-            let point = if area >= WHOLE_CELL {
+            let point = if area >= WHOLE_CELL && material.is_opaque() {
                 let looks = looks.get_or_insert_with(|| looks_in(patches.texel[patch]));
                 at(map.weights(looks[cell(centroid)]))
             } else {
