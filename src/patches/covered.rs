@@ -34,8 +34,6 @@ const MOST_FRAGMENTS: usize = 8;
 /// One of so many patches of a chart's side must have nothing over it: between books side by side it is dark, and their edges
 /// shall not tell how light it is there.
 const LEAST_OPEN: usize = 8;
-/// Shares of a texel that differ by less are the same.
-const ROUNDING: f32 = 1e-4;
 
 /// Takes what is covered out of the light.
 pub(super) fn take_out(patches: &mut Patches, tracer: &Tracer<'_>, progress: &Progress) {
@@ -92,7 +90,7 @@ impl Patches {
             });
             for i in sides {
                 let left = self.left_where(tracer, i, |point, _| !self.is_covered(tracer, i, point));
-                if left.exposed < self.exposed[i] - ROUNDING {
+                if left.is_less_than(self.exposed[i]) {
                     found.push((i, left));
                 }
             }

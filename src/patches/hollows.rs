@@ -32,9 +32,6 @@ const HEIGHT: f32 = 0.3;
 const PATHS: u32 = 8;
 const OUT: f32 = 1.0 / 3.0;
 
-/// Shares of a texel that differ by less are the same.
-const ROUNDING: f32 = 1e-4;
-
 /// Where a patch lies beside hollow walls.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) enum Hollow {
@@ -73,7 +70,7 @@ pub(super) fn open(patches: &mut Patches, tracer: &Tracer<'_>, graph: &PatchGrap
     for (i, left) in touched.into_iter().zip(left) {
         if left.exposed > 0.0 {
             places[i as usize] = Hollow::No;
-            if left.exposed < patches.exposed[i as usize] - ROUNDING {
+            if left.is_less_than(patches.exposed[i as usize]) {
                 patches.keep(i as usize, left);
             }
         }

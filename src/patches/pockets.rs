@@ -33,6 +33,9 @@ const SEGMENTS: usize = 12;
 /// this, but not none, and the others mostly three in four.
 const ONE_OUT_OF: usize = 16;
 
+/// Shares of a texel that differ by less are the same.
+const ROUNDING: f32 = 1e-4;
+
 /// Texels that see each other, and others beside them that they do not see.
 #[derive(Debug, Default)]
 struct Pocket {
@@ -285,6 +288,11 @@ impl Left {
             return Self::default();
         }
         Self { exposed: area / total, position: left.position / area, ..left }
+    }
+
+    /// It is less than a share of the texel that was exposed before.
+    pub(super) fn is_less_than(&self, exposed: f32) -> bool {
+        self.exposed < exposed - ROUNDING
     }
 }
 

@@ -35,7 +35,7 @@ use crate::patches::{PatchGraph, Patches, Tilts};
 use crate::trace::{Line, Tracer};
 
 use accumulate::Arrivals;
-use shoot::{Landed, Starts};
+use shoot::{Landed, Shooter, Starts};
 
 pub use deposit::Splat;
 pub use places::places;
@@ -131,31 +131,25 @@ pub fn walk(
     progress: &Progress,
 ) -> Walk {
     progress.start(settings.lines);
+    let shooter = Shooter { tracer, patches, graph, settings, progress, marks: start.tilts.is_some() };
     if start.emitted.is_some() {
-        return walk_level(tracer, patches, graph, start, settings, progress);
+        return walk_level(&shooter, start);
     }
     let Start { unshot, tilts, places, .. } = start;
     let levels = places::levels(patches, places, unshot, settings.lines).into_iter().zip(0u64..);
     let walks = levels.map(|(level, k)| {
         let seed = if k == 0 { settings.seed } else { mix(settings.seed ^ mix(k)) };
-        let own = Settings { lines: level.lines, seed, ..*settings };
+        let settings = &Settings { lines: level.lines, seed, ..*settings };
         let start = Start { unshot: level.unshot, tilts, places: &[], emitted: None };
-        walk_level(tracer, patches, graph, start, &own, progress)
+        walk_level(&Shooter { settings, ..shooter }, start)
     });
     walks.reduce(Walk::and).unwrap_or_default()
 }
 
 /// The walk of places that are about as bright.
-fn walk_level(
-    tracer: &Tracer<'_>,
-    patches: &Patches,
-    graph: &PatchGraph,
-    start: Start<'_>,
-    settings: &Settings,
-    progress: &Progress,
-) -> Walk {
+fn walk_level(shooter: &Shooter<'_>, start: Start<'_>) -> Walk {
     let Start { unshot, tilts, emitted, .. } = start;
-    let shooter = shoot::Shooter { tracer, patches, graph, settings, progress, marks: tilts.is_some() };
+    let Shooter { patches, settings, .. } = *shooter;
     let first = tilts.map_or(Starts::Evenly, Starts::Tilted);
     let pilot = (settings.lines / PILOT_SHARE).clamp(PILOT[0], PILOT[1]);
     let ratio = match emitted {

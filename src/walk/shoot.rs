@@ -32,6 +32,7 @@ fn chunk(lines: u64) -> usize {
 }
 
 /// Everything that stays the same from bounce to bounce.
+#[derive(Clone, Copy)]
 pub(super) struct Shooter<'a> {
     pub(super) tracer: &'a Tracer<'a>,
     pub(super) patches: &'a Patches,

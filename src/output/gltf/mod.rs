@@ -151,7 +151,7 @@ pub fn write_gltf(
         materials.write(&mut splice, &root, edit).map_err(fault)?;
         textures(&mut splice, &root, &uris, &former).map_err(fault)?;
         let manifest = manifest(scene, atlas, &uris, first_texture, settings.quantity);
-        manifests(&mut splice, &root, &elements, &instances, &manifest, &mut warnings).map_err(fault)?;
+        manifests(&mut splice, &root, &elements, &former.scenes, &manifest, &mut warnings).map_err(fault)?;
     }
     generator(&mut splice, &root, &settings.generator).map_err(fault)?;
     let container = Container::new(document, &root, &settings.output);
@@ -302,12 +302,12 @@ fn nodes_of(scene: &Element<'_>, elements: &Elements<'_>) -> BTreeSet<usize> {
     seen
 }
 
-/// Puts the manifest into every scene that shows a baked node.
-fn manifests<B>(
+/// Puts the manifest into the scenes that show a baked node.
+fn manifests(
     splice: &mut Splice<'_>,
     root: &Element<'_>,
     elements: &Elements<'_>,
-    instances: &[Instance<B>],
+    shown: &BTreeSet<usize>,
     manifest: &str,
     warnings: &mut Vec<Warning>,
 ) -> Result<(), Fault> {
@@ -315,7 +315,7 @@ fn manifests<B>(
         return lone_scene(splice, root, elements, manifest);
     }
     let scenes = root.array("scenes");
-    for i in scenes_of(root, elements, instances) {
+    for &i in shown {
         let scene = &scenes[i];
         if scene.get("extras").is_some_and(|e| !e.is_object()) {
             let message =

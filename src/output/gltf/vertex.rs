@@ -121,7 +121,7 @@ pub fn write_vertex_gltf(
     former.leave_out(&mut splice, &root, &elements).map_err(fault)?;
     if !instances.is_empty() {
         let manifest = writer.manifest();
-        manifests(&mut splice, &root, &elements, &instances, &manifest, &mut warnings).map_err(fault)?;
+        manifests(&mut splice, &root, &elements, &former.scenes, &manifest, &mut warnings).map_err(fault)?;
         materials.write(&mut splice, &root, edited).map_err(fault)?;
         if settings.unlit {
             super::declare(&mut splice, &root, &["KHR_materials_unlit"]).map_err(fault)?;
