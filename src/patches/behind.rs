@@ -122,9 +122,9 @@ fn meets_back(Solids { tracer, closed, .. }: Solids<'_>, origin: Vec3, way: Vec3
     hit.is_some_and(|hit| !hit.front && is_sheet(tracer.scene(), closed, hit.triangle))
 }
 
-/// A triangle has one side, lets no light through, and does not belong to a surface that closes: of what does, all that
-/// is behind lies in a solid.
+/// A triangle has one side, lets no light through, and does not belong to a body: of what does, all that is behind lies in a
+/// solid. Behind a room without an outside there is the void.
 pub(super) fn is_sheet(scene: &Scene, closed: &Closed, triangle: u32) -> bool {
     let material = scene.material(triangle);
-    !closed.holds(triangle) && !material.is_two_sided() && material.is_opaque()
+    (!closed.holds(triangle) || closed.faces_inward(triangle)) && !material.is_two_sided() && material.is_opaque()
 }

@@ -6,8 +6,8 @@
 //!
 //! Triangles of a node hang together over common edges, told by the bits of positions; they close if every edge of
 //! theirs is passed as often in one direction as in the other. Primitives of a node count together, so that a wall may have
-//! another material on each side. A surface that faces inward, as a room may, takes one from the count of all within it: of
-//! what lies there this does not say more than before.
+//! another material on each side. A surface that faces inward, by its signed volume, as a room may, takes one from the count
+//! of all within it: of what lies there this does not say more than before, and what is behind it may be the void.
 //!
 //! Limits: surfaces that close but for T-junctions, or over several nodes, are not known.
 
@@ -26,6 +26,18 @@ type Edge = (Key, Key, i32, u32);
 pub struct Closed {
     /// A bit per triangle id.
     bits: Vec<u64>,
+    /// The same for those of surfaces that face inward.
+    inward: Vec<u64>,
+}
+
+/// What a triangle belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Surface {
+    Open,
+    /// Closed, its fronts outside.
+    Body,
+    /// Closed, its fronts inside.
+    Room,
 }
 
 impl Closed {
@@ -47,25 +59,37 @@ impl Closed {
             })
             .collect();
         let own = parallel::map(nodes.len(), |k| if same_as[k] == k { of_node(scene, nodes[k]) } else { vec![] });
-        let mut bits = vec![0u64; scene.triangle_count().div_ceil(64)];
+        let none = || vec![0u64; scene.triangle_count().div_ceil(64)];
+        let (mut bits, mut inward) = (none(), none());
         for (node, same) in nodes.iter().zip(same_as) {
             let ids = node.iter().flat_map(|part| part.triangles.clone());
-            for (id, _) in ids.zip(&own[same]).filter(|(_, closed)| **closed) {
+            for (id, surface) in ids.zip(&own[same]).filter(|(_, surface)| **surface != Surface::Open) {
                 bits[id as usize / 64] |= 1 << (id % 64);
+                inward[id as usize / 64] |= u64::from(*surface == Surface::Room) << (id % 64);
             }
         }
-        Self { bits }
+        Self { bits, inward }
     }
 
     /// The triangle belongs to one.
     #[must_use]
     pub fn holds(&self, triangle: u32) -> bool {
-        self.bits.get(triangle as usize / 64).is_some_and(|bits| bits >> (triangle % 64) & 1 == 1)
+        bit(&self.bits, triangle)
+    }
+
+    /// The triangle belongs to one whose fronts are inside, as the walls of a room are that has no outside.
+    #[must_use]
+    pub fn faces_inward(&self, triangle: u32) -> bool {
+        bit(&self.inward, triangle)
     }
 }
 
+fn bit(bits: &[u64], triangle: u32) -> bool {
+    bits.get(triangle as usize / 64).is_some_and(|bits| bits >> (triangle % 64) & 1 == 1)
+}
+
 /// For each triangle of the parts of a node, in order.
-fn of_node(scene: &Scene, parts: &[Part]) -> Vec<bool> {
+fn of_node(scene: &Scene, parts: &[Part]) -> Vec<Surface> {
     let ids: Vec<u32> = parts.iter().flat_map(|part| part.triangles.clone()).collect();
     let edges = sorted_edges(scene, &ids);
     let mut sets = Sets::new(ids.len());
@@ -82,7 +106,22 @@ fn of_node(scene: &Scene, parts: &[Part]) -> Vec<bool> {
             closed[sets.find(k)] = false;
         }
     }
-    (0..ids.len()).map(|k| closed[sets.find(k)]).collect()
+    let mut volumes = vec![0.0; ids.len()];
+    for (k, &id) in ids.iter().enumerate() {
+        volumes[sets.find(k)] += volume(scene, id, ids[0]);
+    }
+    let surface = |k: usize| match closed[sets.find(k)] {
+        true if volumes[sets.find(k)] < 0.0 => Surface::Room,
+        true => Surface::Body,
+        false => Surface::Open,
+    };
+    (0..ids.len()).map(surface).collect()
+}
+
+/// Three times the volume between a triangle and a corner of another one, negative where that is before its front [m³].
+fn volume(scene: &Scene, triangle: u32, from: u32) -> f64 {
+    let [origin, corner] = [from, triangle].map(|t| scene.corners(t)[0].as_dvec3());
+    scene.area(triangle) * (corner - origin).dot(scene.geometric_normal(triangle).as_dvec3())
 }
 
 /// Every edge of some triangles is passed as often in one direction as in the other.

@@ -2,8 +2,12 @@
 //! Look-ups at all that can be seen, up to a millimetre from the walls: inside it is dark, and outside no strip is.
 
 use crate::sealed::{Baked, LIT, Place, Rect, Seen, bake_glb};
-use glam::{Mat3, Vec3};
+use crate::solve::Stage;
+use crate::support::{self, cuboid};
+use glam::{DMat3, DVec3, Mat3, Vec3};
+use texelwalk::base::Rgb;
 use texelwalk::check::{self, Kind};
+use texelwalk::scene::Sky;
 
 /// How the walls of a room meet.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -200,4 +204,26 @@ fn a_wall_that_ends_within_the_floor_is_tight_if_contacts_are_cut() {
     assert_eq!(contacts.unwrap().lines_continued, 1);
     let (whole, contacts) = lit(&THIN.replace("true", "false"));
     assert!(whole.lit < 0.9 && contacts.is_none(), "{whole:?}");
+}
+
+/// Behind its walls there is the void, under the sky, though they close.
+#[test]
+fn a_room_without_an_outside_is_dark_where_a_box_is_sunk_into_its_floor() {
+    let mut room = vec![];
+    cuboid(DVec3::new(-2.0, 0.0, -1.5), DVec3::new(2.0, 2.5, 1.5), 1, true, &mut room);
+    let mut chest = vec![];
+    cuboid(DVec3::new(-0.5, -0.02, -0.4), DVec3::new(0.5, 0.6, 0.4), 1, false, &mut chest);
+    let mut all = support::place(&room, DMat3::IDENTITY, 1.0, DVec3::ZERO);
+    all.extend(support::place(&chest, DMat3::from_rotation_y(0.4), 1.0, DVec3::ZERO));
+    let mut scene = support::scene_from_triangles(&all);
+    scene.sky = Sky::constant(Rgb::ONE);
+    let stage = Stage::new(&scene, 12.0);
+    let (p, light) = (&stage.patches, stage.direct(64));
+    let of_chest = |i: &usize| {
+        p.exposed[*i] > 0.0 && p.position[*i].y > 0.0 && p.position[*i].y < 0.7 && p.position[*i].x.abs() < 0.9
+    };
+    let most = (0..p.front).filter(of_chest).map(|i| light[i].max_element()).fold(0.0, f32::max);
+    assert!(most < 1e-3, "{most}");
+    let low = (0..p.front).filter(|i| of_chest(i) && p.normal[*i].y.abs() < 0.1 && p.position[*i].y < 0.1);
+    assert!(low.count() > 30, "the texels that the floor cuts are there");
 }
