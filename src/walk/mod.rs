@@ -21,8 +21,9 @@
 //! Invariants: per bounce and colour channel shot = received + escaped + culled; the same bits at any thread count,
 //! because flux is added up in fixed point.
 //!
-//! Limits: the walk of a level ends when less than [`NEGLIGIBLE`] of its power would still come, or lines are used up; that
-//! power is in the report, and where it would fall in [`Walk::left`].
+//! Limits: the walk of a level ends when less than [`NEGLIGIBLE`] of its power would still come, or lines are used up. What is
+//! left to shoot then is in the report. Where it would fall is told by late bounces, which are alike but for their
+//! power ([`Walk::left`]).
 
 mod accumulate;
 mod deposit;
@@ -52,6 +53,8 @@ const RATIOS: [f64; 2] = [0.02, 0.98];
 
 /// Bounces after which others count as late. Grey rooms are done before.
 const LATE: usize = 32;
+/// What would still come, over all power so far, up to which it is believed: of more, lines told too little.
+const BELIEVED: f64 = 0.15;
 /// Most that light of late bounces is believed to keep from one to the next.
 const MOST_LATE: f64 = 0.9999;
 
@@ -97,7 +100,8 @@ pub struct Walk {
     pub direct: Vec<Rgb>,
     /// Irradiance after at least one reflection [lx].
     pub indirect: Vec<Rgb>,
-    /// About what each patch would still have got [lx], mean of the channels; empty where that is negligible.
+    /// About what each patch would still have got [lx], mean of the channels; empty where that is negligible. Where it is
+    /// little, and there is no limit of bounces, `indirect` has it.
     pub left: Vec<f32>,
     /// One entry per iteration, emitted lines first; the last entry has no lines and tells what is left to shoot.
     pub ledger: Vec<Bounce>,
@@ -179,7 +183,7 @@ fn walk_level(shooter: &Shooter<'_>, start: Start<'_>) -> Walk {
         state.turn(patches, &landed);
         marks = landed.marks;
     }
-    state.finish(patches)
+    state.finish(patches, settings.bounces.is_none())
 }
 
 impl Walk {
@@ -225,8 +229,8 @@ struct State {
     unshot: Vec<Rgb>,
     direct: Vec<Rgb>,
     indirect: Vec<Rgb>,
-    /// Flux that late bounces brought, mean of the channels [lm].
-    late: Vec<f32>,
+    /// Flux that late bounces brought [lm].
+    late: Vec<Rgb>,
     ledger: Vec<Bounce>,
     spent: u64,
     all_power: f64,
@@ -252,8 +256,8 @@ impl State {
     /// Adds up where light of late bounces falls.
     fn remember_late(&mut self, Landed { received, .. }: &Landed) {
         if self.ledger.len() >= LATE {
-            self.late.resize(received.len(), 0.0);
-            parallel::update_light(&mut self.late, |i, late| *late += mean(received[i]) as f32);
+            self.late.resize(received.len(), Rgb::ZERO);
+            parallel::update_light(&mut self.late, |i, late| *late += received[i]);
         }
     }
 
@@ -280,16 +284,27 @@ impl State {
         (left as f64 * share) as u64
     }
 
-    /// Power that would still arrive, as a share of that of late bounces; 0 for what is negligible.
-    fn still_to_come(&self) -> f32 {
+    /// Power that would still arrive, as a share of that of late bounces, by channel; 0 for what is negligible.
+    fn still_to_come(&self) -> Rgb {
         let late = self.ledger.get(LATE..).unwrap_or_default();
-        let [first, .., _] = late else { return 0.0 };
-        let (now, before) = (self.to_come(), Bounce::mean(first.unshot));
-        // How it fell from bounce to bounce: over many of them, chance hides that less.
-        let ratio = libm::pow(now / before, 1.0 / late.len() as f64).clamp(RATIOS[0], MOST_LATE);
-        let future = now / (1.0 - ratio);
-        let all = late.iter().map(|bounce| Bounce::mean(bounce.unshot)).sum::<f64>();
-        if self.is_negligible(future) || all <= 0.0 { 0.0 } else { (future / all) as f32 }
+        let [first, .., _] = late else { return Rgb::ZERO };
+        let now = self.left_to_shoot();
+        let future = [0, 1, 2].map(|c| {
+            // How it fell from bounce to bounce: over many of them, chance hides that less.
+            let ratio = libm::pow(now[c] / first.unshot[c].max(f64::MIN_POSITIVE), 1.0 / late.len() as f64);
+            now[c] / (1.0 - ratio.clamp(RATIOS[0], MOST_LATE))
+        });
+        if self.is_negligible(Bounce::mean(future)) {
+            return Rgb::ZERO;
+        }
+        let share =
+            |c: usize| future[c] / late.iter().map(|bounce| bounce.unshot[c]).sum::<f64>().max(f64::MIN_POSITIVE);
+        Rgb::new(share(0) as f32, share(1) as f32, share(2) as f32)
+    }
+
+    /// Power of what is left to shoot [lm].
+    fn left_to_shoot(&self) -> [f64; 3] {
+        [0, 1, 2].map(|c| parallel::sum(self.unshot.len(), |i| f64::from(self.unshot[i][c])))
     }
 
     /// Power of the next iteration.
@@ -309,18 +324,23 @@ impl State {
         ratio.clamp(RATIOS[0], RATIOS[1])
     }
 
-    fn finish(mut self, patches: &Patches) -> Walk {
+    /// `whole` if what would still come shall be there, too, as it fell in late bounces.
+    fn finish(mut self, patches: &Patches, whole: bool) -> Walk {
         let still = self.still_to_come();
-        let late = if still > 0.0 { self.late.len() } else { 0 };
+        let late = if still == Rgb::ZERO { 0 } else { self.late.len() };
         let mut left = parallel::map_light(late, |i| {
             let area = patches.exposed_area(i);
-            if area > 0.0 { self.late[i] * still / area } else { 0.0 }
+            if area > 0.0 { (mean(self.late[i] * still) / f64::from(area)) as f32 } else { 0.0 }
         });
         if !left.is_empty() {
+            let left_power = parallel::sum(late, |i| mean(self.late[i] * still));
             patches.share_with_overlaid(&mut left);
+            if whole && left_power < BELIEVED * self.all_power {
+                let late = &self.late;
+                parallel::update_light(&mut self.indirect, |i, sum| *sum += late[i] * still);
+            }
         }
-        let unshot = [0, 1, 2].map(|c| parallel::sum(self.unshot.len(), |i| f64::from(self.unshot[i][c])));
-        self.ledger.push(Bounce { unshot, ..Bounce::default() });
+        self.ledger.push(Bounce { unshot: self.left_to_shoot(), ..Bounce::default() });
         let per_area = |flux: &[Rgb]| {
             let mut light = parallel::map(flux.len(), |i| {
                 let area = patches.exposed_area(i);

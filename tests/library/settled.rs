@@ -89,3 +89,17 @@ fn as_much_light_of_the_sky_is_found_as_comes_in() {
     let ratio = mean(&found) / truth;
     assert!((ratio - 1.0).abs() < 0.15, "{ratio} of the light");
 }
+
+#[test]
+fn what_the_walk_leaves_is_added_in_rooms_that_are_nearly_white() {
+    for (reflectance, options) in
+        [(0.985f32, &[][..]), (0.99, &[]), (0.995, &["--gather", "512", "--lines-per-texel", "256"])]
+    {
+        let mut walls = grey(reflectance);
+        walls["emissiveFactor"] = json!([1.0, 1.0, 1.0]);
+        let scene = Scene { quads: Quad::room([0.0; 3], [ROOM; 3], walls), lights: vec![] };
+        // Every bounce keeps as much of the light: a geometric series.
+        let ratio = mean(&light(&scene, options)) * (1.0 - reflectance);
+        assert!((ratio - 1.0).abs() < 0.01, "{reflectance}: {ratio} of the light");
+    }
+}
