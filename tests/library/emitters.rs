@@ -205,3 +205,24 @@ fn a_screen_near_a_plane_through_zero_lights_as_it_does_elsewhere() {
         assert!((found - 1.0).abs() < 2e-3, "at {z} m: {found} of the light");
     }
 }
+
+/// Far corners of a ceiling bring little and are chosen often: samples are skewed.
+#[test]
+fn a_ceiling_as_wide_as_it_likes_brings_its_radiance_by_few_samples() {
+    let floor = square(Vec3::new(-1.0, 0.0, -1.0), Vec3::Z * 2.0, Vec3::X * 2.0);
+    let ceiling = |k: usize| {
+        let along = [[-100.0, -1.0], [-1.0, 1.0], [1.0, 100.0]];
+        let ([x, right], [z, far]) = (along[k % 3], along[k / 3]);
+        square(Vec3::new(x, 1.0, z), Vec3::X * (right - x), Vec3::Z * (far - z))
+    };
+    let glowing = Material { emission: Rgb::ONE, ..support::white() };
+    let scene = support::scene_of_two(&floor, &(0..9).flat_map(ceiling).collect::<Vec<_>>(), glowing);
+    let stage = Stage::new(&scene, 2.0);
+    for samples in [8, 16, 32] {
+        let light = stage.direct(samples);
+        let floor: Vec<usize> = (0..stage.patches.front).filter(|&i| stage.patches.normal[i].y > 0.9).collect();
+        let mean = floor.iter().map(|&i| f64::from(light[i].x) / core::f64::consts::PI).fold(0.0, |a, b| a + b);
+        let mean = mean / floor.len() as f64;
+        assert!((mean - 1.0).abs() < 2e-3, "{samples} samples: {mean}");
+    }
+}
