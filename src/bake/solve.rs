@@ -23,7 +23,7 @@ use crate::base::{LightVector, Progress, Rgb, Stream, color, parallel};
 use crate::finish::{self, Along, Errors, Network, Ways};
 use crate::gather::{self, Gathered, Openness};
 use crate::light::glare::{Glare, Glared, Sent};
-use crate::light::{self, Emitters, shoot};
+use crate::light::{self, Emitters, Openings, shoot};
 use crate::output::report;
 use crate::patches::{PatchGraph, Patches, Shine, Tilts};
 use crate::settings::{DirectMode, Settings, SplatMode};
@@ -117,7 +117,9 @@ pub(super) struct Solver<'a> {
     seed: u64,
     /// Irradiance by shadow rays [lx].
     direct: [Vec<Rgb>; 2],
-    /// Part of it that the gather finds, too [lx].
+    /// Where light comes in, by the first pass.
+    openings: Option<Openings>,
+    /// Part of `direct` that the gather finds, too [lx].
     sky: [Vec<Rgb>; 2],
     /// How the rest of it changes over the texel [lx per texel]; empty without shadow rays.
     slopes: [Vec<Vec2>; 2],
@@ -240,6 +242,7 @@ impl<'a> Solver<'a> {
             emitters,
             seed,
             direct: black(),
+            openings: None,
             sky: black(),
             slopes: [vec![], vec![]],
             vectors: vec![],
@@ -269,7 +272,10 @@ impl<'a> Solver<'a> {
                 let (samples, gather_rays) = (budget.direct_samples, gather_rays(settings));
                 let how =
                     light::Settings { samples, gather_rays, seed: pass_seed, directional: settings.is_directional() };
-                self.add_direct(light::direct(tracer, patches, emitters, &how, progress), budget);
+                let find = || Openings::find(tracer, patches, emitters, seed, progress);
+                let openings = self.openings.get_or_insert_with(find);
+                let found = light::direct(tracer, patches, emitters, openings, &how, progress);
+                self.add_direct(found, budget);
             })?;
         }
         let direct = mean(&self.direct);
@@ -298,7 +304,10 @@ impl<'a> Solver<'a> {
         if settings.gather > 0 {
             let mut sent_on = self.radiance(setup, &direct, clock)?;
             let rays = gather_rays(settings);
-            let sky = |normal, direction| emitters.gathered_sky(tracer.scene(), normal, direction, rays);
+            let openings = self.openings.take().unwrap_or_default();
+            let sky = |patch, normal, direction| {
+                emitters.gathered_sky(tracer.scene(), (&openings, patch), normal, direction, rays)
+            };
             let sky: Option<gather::Sky<'_>> = if rays > 0.0 && emitters.has_sky() { Some(&sky) } else { None };
             self.settle(setup, &mut sent_on, &direct, sky, pass_seed, clock)?;
             let SentOn { radiance, light, tilts, .. } = sent_on;
@@ -317,7 +326,7 @@ impl<'a> Solver<'a> {
             let field = gather::Field { tracer, patches, radiance, left_out, tilts: &tilts, sky, anew: looks, seed };
             clock.timed("gather", |progress| self.gather(setup, budget, &field, progress))?;
             self.shadow_rays += anew.rays.into_inner();
-            self.glare = Some(glare);
+            (self.glare, self.openings) = (Some(glare), Some(openings));
         }
         Ok(())
     }

@@ -20,6 +20,20 @@ pub fn square_to_disk(u: Vec2) -> Vec2 {
     Vec2::new(r * cos, r * sin)
 }
 
+/// The point of the unit square that [`square_to_disk`] maps to this point of the disc.
+#[must_use]
+pub fn disk_to_square(point: Vec2) -> Vec2 {
+    let radius = point.length();
+    let (x, y) = (point.x.abs(), point.y.abs());
+    // Each quarter of the square between its diagonals is mapped to one of the disc.
+    let o = if x > y {
+        Vec2::new(radius, radius * libm::atan2f(y, x) / FRAC_PI_4)
+    } else {
+        Vec2::new(radius * (FRAC_PI_2 - libm::atan2f(y, x)) / FRAC_PI_4, radius)
+    };
+    (o.copysign(point) + Vec2::ONE) * 0.5
+}
+
 /// Direction around +z with density cos θ / π per steradian.
 #[must_use]
 pub fn square_to_cosine_hemisphere(u: Vec2) -> Vec3 {

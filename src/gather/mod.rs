@@ -99,8 +99,8 @@ pub struct Field<'a> {
     pub seed: u64,
 }
 
-/// Radiance of the sky for a shading normal and a direction [cd/m²].
-pub type Sky<'a> = &'a (dyn Fn(Vec3, Vec3) -> Rgb + Sync);
+/// Radiance of the sky for a patch, a shading normal and a direction [cd/m²].
+pub type Sky<'a> = &'a (dyn Fn(usize, Vec3, Vec3) -> Rgb + Sync);
 
 /// Tells what share of the light of a patch that a ray has met is not to be read, below 1.
 pub type LeftOut<'a> = Box<dyn FnMut(&Sight) -> f32 + 'a>;
@@ -282,7 +282,7 @@ impl Field<'_> {
             return (light, left_out.filter(|_| open).map_or(0.0, |share| share(&sight())));
         }
         let infinity = self.sky.filter(|_| open);
-        let light = infinity.map_or(Rgb::ZERO, |sky| sky(normal, direction) * self.tracer.tint(&ray));
+        let light = infinity.map_or(Rgb::ZERO, |sky| sky(from, normal, direction) * self.tracer.tint(&ray));
         *sky += light;
         (light, 0.0)
     }

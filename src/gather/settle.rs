@@ -138,7 +138,7 @@ fn look(field: &Field<'_>, half: usize, patch: usize) -> Seen {
         let direction = frame.to_world(warp::square_to_cosine_hemisphere(Vec2::new(u, v)));
         let ray = Ray { origin: surface.origin(&spot, direction), direction, t_max: f32::INFINITY };
         let Some(hit) = field.tracer.closest_hit(&ray) else {
-            seen.known += field.sky.map_or(Rgb::ZERO, |sky| sky(frame.n, direction) * field.tracer.tint(&ray));
+            seen.known += field.sky.map_or(Rgb::ZERO, |sky| sky(patch, frame.n, direction) * field.tracer.tint(&ray));
             continue;
         };
         // As in the walk: what is hidden neither gets nor gives light.

@@ -14,7 +14,7 @@ use super::look::Look;
 use super::site::Site;
 use super::tree::Cut;
 use crate::base::{Progress, parallel};
-use crate::patches::{Block, Patches};
+use crate::patches::{BLOCK, Block, Patches};
 use glam::Vec3;
 
 /// Texels of a block from which on it has a cut.
@@ -39,7 +39,7 @@ impl Common {
         emitters: &Emitters,
         progress: &Progress,
     ) -> Self {
-        let found = parallel::map_watched(patches.block_places(), progress, |place| {
+        let found = parallel::map_watched(patches.block_places(BLOCK), progress, |place| {
             let look = look();
             let sides = |block: &Block| {
                 let fronts: Vec<usize> = block.iter().map(|(_, i)| *i).filter(|i| patches.exposed[*i] > 0.0).collect();
@@ -47,7 +47,7 @@ impl Common {
                 [fronts, backs]
             };
             let cut = |texels: Vec<usize>| Some((nodes(&look, patches, emitters, &texels)?, texels));
-            patches.blocks_at(place).iter().flat_map(sides).filter_map(cut).collect::<Vec<_>>()
+            patches.blocks_at(place, BLOCK).iter().flat_map(sides).filter_map(cut).collect::<Vec<_>>()
         });
         let mut common = Self { nodes: vec![], of: vec![NONE; patches.len()] };
         for (nodes, texels) in found.into_iter().flatten() {

@@ -11,12 +11,13 @@
 //!
 //! Invariants: same bits at any thread count; hidden patches get nothing; both halves get the same number of samples.
 
-use super::allot::{self, Allotment};
+use super::allot::{self, Allotment, Judges};
 use super::common::Common;
 use super::hard::{self, Hard};
 use super::lit::Lit;
 use super::look::{Look, Place};
 use super::neighbors::Neighbors;
+use super::openings::Openings;
 use super::slope::Moments;
 use super::unhidden::Unhidden;
 use super::{Emitters, Settings};
@@ -87,6 +88,7 @@ struct Context<'a, L> {
     patches: &'a Patches,
     hard: Hard,
     common: Common,
+    openings: &'a Openings,
     settings: &'a Settings,
 }
 
@@ -102,6 +104,7 @@ pub fn direct(
     tracer: &Tracer<'_>,
     patches: &Patches,
     emitters: &Emitters,
+    openings: &Openings,
     settings: &Settings,
     progress: &Progress,
 ) -> Direct {
@@ -111,7 +114,7 @@ pub fn direct(
     let hard = hard::hard(&look, &neighbors, progress);
     let mut rays = hard.rays;
     let common = if emitters.are_many() { Common::find(&look, patches, emitters, progress) } else { Common::default() };
-    let context = Context { look, emitters, patches, hard, common, settings };
+    let context = Context { look, emitters, patches, hard, common, openings, settings };
     let mut layers = vec![];
     for kind in [Kind::Each, Kind::Finite, Kind::Infinity] {
         let first = |i: usize| match kind {
@@ -133,7 +136,8 @@ pub fn direct(
     }
     for rounds in 0..allot::ROUNDS {
         let estimates: Vec<(&[Estimate], Kind)> = layers.iter().map(|l| (l.estimates.as_slice(), l.kind)).collect();
-        let wanted = allot::wanted(&context.hard.irradiance, &estimates, &neighbors, settings.samples, rounds);
+        let judges = Judges { neighbors: &neighbors, openings };
+        let wanted = allot::wanted(&context.hard.irradiance, &estimates, &judges, settings.samples, rounds);
         if wanted.iter().all(Vec::is_empty) || progress.cancelled() {
             break;
         }
@@ -186,7 +190,8 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
             let before = old[patch];
             let (sums, all) = self.sums(&mut look, layer.kind, patch, before.samples..samples);
             let mean = |mean: Rgb, sum: Rgb| (mean * before.samples as f32 + sum) / samples as f32;
-            let unhidden = layer.unhidden.get(patch).map(|known| Unhidden {
+            let closed = layer.unhidden.get(patch).filter(|_| self.openings.glow(patch).is_none());
+            let unhidden = closed.map(|known| Unhidden {
                 all: all.unwrap_or(known.all),
                 would: [0, 1].map(|h| mean(known.would[h], sums[h].0.unhidden)),
                 arrived: [0, 1].map(|h| mean(known.arrived[h], sums[h].0.all)),
@@ -228,20 +233,21 @@ impl<'a, L: Fn() -> Look<'a> + Sync> Context<'a, L> {
                 (sums, None)
             }
             Kind::Finite => {
-                let site = look.site(patch);
+                let (site, opening) = (look.site(patch), self.openings.glow(patch));
                 let mut cut = self.common.cut(self.emitters, patch, &site);
                 if cut.is_empty() {
                     return Sums::default();
                 }
-                let known =
-                    Unhidden::is_needed(range.clone()) && !cut.is_close && !self.emitters.even_pieces().is_empty();
-                let all = known.then(|| look.unhidden(patch, &site));
-                let finite = |look: &mut Look<'a>, place: &Place, pick, u| look.finite(place, &mut cut, pick, u);
+                let known = Unhidden::is_needed(range.clone()) && !cut.is_close && opening.is_none();
+                let all = (known && !self.emitters.even_pieces().is_empty()).then(|| look.unhidden(patch, &site));
+                let finite =
+                    |look: &mut Look<'a>, place: &Place, pick, u| look.finite(place, &mut cut, pick, u, opening);
                 (self.sampled(look, kind, patch, range, finite), all)
             }
             Kind::Infinity => {
                 let rays = self.settings.gather_rays;
-                let sky = |look: &mut Look<'a>, place: &Place, pick, u| look.infinity(place, pick, u, rays);
+                let opening = self.openings.sky(patch);
+                let sky = |look: &mut Look<'a>, place: &Place, pick, u| look.infinity(place, opening, pick, u, rays);
                 (self.sampled(look, kind, patch, range, sky), None)
             }
         }

@@ -10,6 +10,8 @@
 use super::bounds::Bounds;
 use super::divide;
 use super::infinity::Infinity;
+use super::lit;
+use super::openings::{Openings, gathered_rays};
 use super::piece::Piece;
 use super::punctual;
 use super::site::Site;
@@ -19,6 +21,7 @@ use super::unhidden::MOST_PIECES;
 use crate::base::Rgb;
 use crate::base::color::luminance;
 use crate::scene::{Light, Scene};
+use crate::trace::Hit;
 use glam::{Vec2, Vec3};
 
 /// Point and spot lights without size up to which each is looked at.
@@ -138,13 +141,22 @@ impl Emitters {
         self.pieces.iter().map(Piece::flux).fold(Rgb::ZERO, |a, b| a + b)
     }
 
-    /// Radiance of the sky in a unit direction that the final gather adds at a surface with this normal, if it has
-    /// `rays` rays for each sample of [`direct`](super::direct); what is left is [`Direct`](super::Direct)'s
+    /// Radiance of the sky in a unit direction that the final gather adds at a surface with this normal, where its patch has
+    /// these openings and `rays` rays for each sample of [`direct`](super::direct); what is left is [`Direct`](super::Direct)'s
     /// [cd/m²].
     #[must_use]
-    pub fn gathered_sky(&self, scene: &Scene, normal: Vec3, direction: Vec3, rays: f32) -> Rgb {
-        let density = self.infinity.density_above(scene, normal, direction);
-        scene.light_from_infinity(direction) * Infinity::gathered(normal, direction, density, rays)
+    pub fn gathered_sky(
+        &self,
+        scene: &Scene,
+        (openings, patch): (&Openings, usize),
+        normal: Vec3,
+        direction: Vec3,
+        rays: f32,
+    ) -> Rgb {
+        let opening = openings.sky(patch);
+        let density = self.infinity.density_above(scene, normal, opening, direction);
+        scene.light_from_infinity(direction)
+            * lit::gathered(normal.dot(direction), density, gathered_rays(opening, rays))
     }
 
     /// Something shines from infinity.
@@ -204,13 +216,22 @@ impl Emitters {
         Some((self.leaf(k), probability))
     }
 
-    /// The piece at a point of a triangle, and the probability that [`Emitters::pick`] chooses it; `None` where nothing glows.
-    pub(super) fn at(&self, cut: &Cut, point: &Site, triangle: u32, b: Vec2) -> Option<(&Piece, f32)> {
-        let first = self.pieces.partition_point(|p| p.triangle < triangle);
-        let own = self.pieces[first..].iter().take_while(|p| p.triangle == triangle);
-        let (k, _) = (first..).zip(own).max_by(|x, y| x.1.depth(b).total_cmp(&y.1.depth(b)))?;
+    /// What a ray in a unit direction finds where it meets something solid that glows [cd/m²].
+    pub(super) fn glow(&self, scene: &Scene, direction: Vec3, hit: &Hit) -> Rgb {
+        let first = self.pieces.partition_point(|p| p.triangle < hit.triangle);
+        let piece = self.pieces.get(first).filter(|p| p.triangle == hit.triangle && p.solid);
+        piece.map_or(Rgb::ZERO, |piece| piece.toward(scene, direction, hit.b))
+    }
+
+    /// What a ray in a unit direction from a point finds where it meets something solid that glows [cd/m²], and the density
+    /// per steradian with which [`Emitters::pick`] and [`Piece::sample`] choose that direction; `None` where nothing glows.
+    pub(super) fn met(&self, scene: &Scene, cut: &Cut, point: &Site, direction: Vec3, hit: &Hit) -> Option<(Rgb, f32)> {
+        let first = self.pieces.partition_point(|p| p.triangle < hit.triangle);
+        let own = self.pieces[first..].iter().take_while(|p| p.triangle == hit.triangle);
+        let (k, piece) = (first..).zip(own).max_by(|x, y| x.1.depth(hit.b).total_cmp(&y.1.depth(hit.b)))?;
         let probability = self.tree.probability(cut, point, |k, site| self.estimate(k, site), k as u32);
-        Some((&self.pieces[k], probability))
+        let (radiance, solid_angle) = piece.seen(scene, point.position, direction, hit.b);
+        piece.solid.then(|| (radiance, probability / solid_angle.max(f32::MIN_POSITIVE)))
     }
 
     /// Point, normal and flux for a line that leaves a surface, by flux in `pick`; the flux is that over its density.

@@ -15,6 +15,7 @@
 //!
 //! Limits: the choice knows neither the horizon of a texel nor the gradient sky.
 
+use super::openings::Opening;
 use crate::base::color::luminance;
 use crate::base::distribution::Grid;
 use crate::base::{Frame, Rgb, warp};
@@ -71,24 +72,32 @@ impl Infinity {
     }
 
     /// A direction above a surface for `pick` in [0, 1), and its density per steradian.
-    pub(super) fn above(&self, scene: &Scene, normal: Vec3, pick: f32, u: Vec2) -> (Vec3, f32) {
-        let frame = Frame::from_normal(normal);
-        let direction =
-            self.by_map(scene, pick, u).unwrap_or_else(|| frame.to_world(warp::square_to_cosine_hemisphere(u)));
-        (direction, self.density_above(scene, normal, direction))
+    pub(super) fn above(
+        &self,
+        scene: &Scene,
+        normal: Vec3,
+        opening: Option<Opening<'_>>,
+        pick: f32,
+        u: Vec2,
+    ) -> (Vec3, f32) {
+        let by_cosine = || Frame::from_normal(normal).to_world(warp::square_to_cosine_hemisphere(u));
+        let other = |pick: f32| self.by_map(scene, pick, u).unwrap_or_else(by_cosine);
+        let through = opening.map_or(Err(pick), |opening| opening.sample(pick, u));
+        let direction = through.unwrap_or_else(other);
+        (direction, self.density_above(scene, normal, opening, direction))
     }
 
     /// Density per steradian of [`Infinity::above`] in a unit direction.
-    pub(super) fn density_above(&self, scene: &Scene, normal: Vec3, direction: Vec3) -> f32 {
+    pub(super) fn density_above(
+        &self,
+        scene: &Scene,
+        normal: Vec3,
+        opening: Option<Opening<'_>>,
+        direction: Vec3,
+    ) -> f32 {
         let cosine = normal.dot(direction).max(0.0) / PI;
-        (1.0 - self.share) * cosine + self.share * self.density(scene, direction)
-    }
-
-    /// Share of the light from a unit direction that the gather is left with, if it has `rays` rays for each sample of
-    /// [`Infinity::above`], whose density there is `density`.
-    pub(super) fn gathered(normal: Vec3, direction: Vec3, density: f32, rays: f32) -> f32 {
-        let cosine = normal.dot(direction).max(0.0) / PI;
-        if rays <= 0.0 { 0.0 } else { rays * cosine / (rays * cosine + density) }
+        let other = (1.0 - self.share) * cosine + self.share * self.density(scene, direction);
+        opening.map_or(other, |opening| opening.density(direction, other))
     }
 
     /// A direction of the whole sphere, and its density per steradian.
@@ -147,7 +156,7 @@ mod tests {
         assert!((integral(light, 1.02, whole) / exact - 1.0).abs() > 1e-2, "a density 2 % too high goes unnoticed");
 
         let normal = Vec3::new(0.3, 0.8, -0.4).normalize();
-        let above = |pick, u| infinity.above(&scene, normal, pick, u);
+        let above = |pick, u| infinity.above(&scene, normal, None, pick, u);
         let facing = |d: Vec3| light(d) * d.dot(normal).max(0.0);
         let exact = integral(facing, 1.0, whole);
         assert!((integral(facing, 1.0, above) / exact - 1.0).abs() < 5e-3);

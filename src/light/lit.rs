@@ -1,6 +1,7 @@
 //! Light that arrived at a place, and the sum of several.
 
 use crate::base::{LightVector, Rgb};
+use core::f32::consts::PI;
 use core::ops::{Add, Div};
 
 /// What was found by one look, or a sum of looks.
@@ -14,6 +15,13 @@ pub(super) struct Lit {
     pub(super) unhidden: Rgb,
     /// Light vector of the rest, if it is asked for [lx].
     pub(super) vector: LightVector,
+}
+
+/// Share of the light from a direction that is left to rays by cosine, if there are so many of them for each sample whose
+/// density per steradian is `density`: the balance heuristic (Veach and Guibas, SIGGRAPH 1995, eq. 9).
+pub(super) fn gathered(cosine: f32, density: f32, rays: f32) -> f32 {
+    let rays = rays * cosine.max(0.0) / PI;
+    if rays <= 0.0 { 0.0 } else { rays / (rays + density) }
 }
 
 impl Lit {

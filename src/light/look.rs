@@ -9,8 +9,8 @@
 
 use super::Emitters;
 use super::emitters::Leaf;
-use super::infinity::Infinity;
-use super::lit::Lit;
+use super::lit::{self, Lit};
+use super::openings::{Opening, gathered_rays};
 use super::piece::{Piece, Sampled};
 use super::punctual;
 use super::site::Site;
@@ -23,11 +23,6 @@ use crate::trace::{Ground, Lift, Ray, Tracer};
 use core::f32::consts::PI;
 use glam::{Vec2, Vec3};
 
-/// Share of a density per steradian in itself and that of a direction by cosine.
-fn balance(density: f32, cosine: f32) -> f32 {
-    density / (density + cosine / PI)
-}
-
 /// One place on a patch.
 #[derive(Clone, Copy)]
 pub(super) struct Place {
@@ -39,6 +34,25 @@ pub(super) struct Place {
     pub(super) position: Vec3,
     normal: Vec3,
     geometric: Vec3,
+}
+
+/// Rays that look around for what glows: by cosine, and through an opening if there is one.
+#[derive(Debug, Clone, Copy)]
+struct Around<'a> {
+    opening: Option<Opening<'a>>,
+}
+
+impl Around<'_> {
+    fn direction(&self, place: &Place, pick: f32, u: Vec2) -> Vec3 {
+        let through = self.opening.and_then(|opening| opening.sample(pick, u).ok());
+        through.unwrap_or_else(|| Frame::from_normal(place.normal).to_world(warp::square_to_cosine_hemisphere(u)))
+    }
+
+    /// Density per steradian of a unit direction.
+    fn density(&self, place: &Place, direction: Vec3) -> f32 {
+        let by_cosine = place.normal.dot(direction).max(0.0) / PI;
+        self.opening.map_or(by_cosine, |opening| opening.density(direction, by_cosine))
+    }
 }
 
 /// A triangle on the side of a patch.
@@ -93,7 +107,7 @@ impl<'a> Look<'a> {
         PatchSurface::shaded(self.tracer, self.patches, patch)
     }
 
-    fn scene(&self) -> &'a Scene {
+    pub(super) fn scene(&self) -> &'a Scene {
         self.tracer.scene()
     }
 
@@ -212,23 +226,33 @@ impl<'a> Look<'a> {
         (self.lit(place, toward, seen.illuminance * unblocked * cosine, Rgb::ZERO), passing)
     }
 
-    /// What everything in the tree brings, from one choice and, close to it, one ray that looks for it.
-    pub(super) fn finite(&mut self, place: &Place, cut: &mut Cut, pick: f64, u: Vec2) -> Lit {
+    /// What everything in the tree brings, from one choice and, close to it or through an opening, one ray that looks for it.
+    pub(super) fn finite(
+        &mut self,
+        place: &Place,
+        cut: &mut Cut,
+        pick: f64,
+        u: Vec2,
+        opening: Option<Opening<'_>>,
+    ) -> Lit {
         let point = place.site();
         self.emitters.weigh(cut, &point);
+        let looks_around = cut.is_close || opening.is_some();
+        let around = Around { opening: opening.filter(|_| !cut.is_close) };
         let chosen = match self.emitters.pick(cut, &point, pick) {
             Some((Leaf::Piece(piece), probability)) => {
                 let sampled = piece.sample(self.scene(), place.position, probability, u);
-                sampled.map_or(Lit::default(), |s| self.surface(place, piece, &s, cut.is_close && piece.solid))
+                let shared = looks_around && piece.solid;
+                sampled.map_or(Lit::default(), |s| self.surface(place, piece, &s, shared.then_some(around)))
             }
             Some((Leaf::Bulb(light), probability)) => self.light(place, light, u) / probability,
             None => Lit::default(),
         };
-        if cut.is_close { chosen + self.around(place, cut, &point, u) } else { chosen }
+        if looks_around { chosen + self.around(place, cut, &point, around, (pick, u)) } else { chosen }
     }
 
-    /// What a point of a piece brings; `shared` with rays that look around.
-    fn surface(&mut self, place: &Place, piece: &Piece, s: &Sampled, shared: bool) -> Lit {
+    /// What a point of a piece brings, shared with a ray that looks around.
+    fn surface(&mut self, place: &Place, piece: &Piece, s: &Sampled, shared: Option<Around<'_>>) -> Lit {
         if s.weighted.max_element() <= 0.0 {
             return Lit::default();
         }
@@ -240,28 +264,24 @@ impl<'a> Look<'a> {
         if unblocked == Rgb::ZERO {
             return Lit { unhidden, ..Lit::default() };
         }
-        let share = if shared { balance(s.density, cosine) } else { 1.0 };
+        let share = shared.map_or(1.0, |around| s.density / (s.density + around.density(place, s.direction)));
         Lit { unhidden, ..self.lit(place, s.direction, unhidden * unblocked * share, Rgb::ZERO) }
     }
 
     /// The share of a ray by cosine in the light of the emitters: where one fills much of the view, its pieces are hard
     /// to choose well among.
-    fn around(&mut self, place: &Place, cut: &Cut, point: &Site, u: Vec2) -> Lit {
-        let square = Vec2::new(u.y, u.x + 0.5).fract();
-        let direction = Frame::from_normal(place.normal).to_world(warp::square_to_cosine_hemisphere(square));
+    fn around(&mut self, place: &Place, cut: &Cut, point: &Site, around: Around<'_>, (pick, u): (f64, Vec2)) -> Lit {
+        let direction = around.direction(place, pick as f32, Vec2::new(u.y, u.x + 0.5).fract());
         let Some((cosine, origin)) = self.leave(place, direction) else { return Lit::default() };
         self.rays += 1;
         let ray = Ray { origin, direction, t_max: f32::INFINITY };
         let Some(hit) = self.tracer.closest_hit(&ray) else { return Lit::default() };
-        let Some((piece, probability)) =
-            self.emitters.at(cut, point, hit.triangle, hit.b).filter(|(piece, _)| piece.solid)
-        else {
+        let Some((radiance, density)) = self.emitters.met(self.scene(), cut, point, direction, &hit) else {
             return Lit::default();
         };
-        let (radiance, solid_angle) = piece.seen(self.scene(), place.position, direction, hit.b);
-        let share = 1.0 - balance(probability / solid_angle.max(f32::MIN_POSITIVE), cosine);
+        let weight = cosine / (density + around.density(place, direction));
         let tint = self.tracer.tint(&Ray { t_max: hit.t, ..ray });
-        self.lit(place, direction, radiance * tint * (PI * share), Rgb::ZERO)
+        self.lit(place, direction, radiance * tint * weight, Rgb::ZERO)
     }
 
     /// A point of another patch, and the share of its light that arrives; `None` if nothing does.
@@ -289,9 +309,16 @@ impl<'a> Look<'a> {
     }
 
     /// What sky and environment bring from one direction, for a gather with `rays` rays for each of these samples.
-    pub(super) fn infinity(&mut self, place: &Place, pick: f64, u: Vec2, rays: f32) -> Lit {
+    pub(super) fn infinity(
+        &mut self,
+        place: &Place,
+        opening: Option<Opening<'_>>,
+        pick: f64,
+        u: Vec2,
+        rays: f32,
+    ) -> Lit {
         let scene = self.scene();
-        let (direction, density) = self.emitters.infinity.above(scene, place.normal, pick as f32, u);
+        let (direction, density) = self.emitters.infinity.above(scene, place.normal, opening, pick as f32, u);
         let radiance = scene.light_from_infinity(direction);
         if density <= 0.0 || radiance.max_element() <= 0.0 {
             return Lit::default();
@@ -304,7 +331,8 @@ impl<'a> Look<'a> {
             return Lit::default();
         }
         let light = radiance * unblocked * (cosine / density);
-        let lit = self.lit(place, direction, light, light * Infinity::gathered(place.normal, direction, density, rays));
+        let lit =
+            self.lit(place, direction, light, light * lit::gathered(cosine, density, gathered_rays(opening, rays)));
         Lit { vector: lit.vector * trusted(density), ..lit }
     }
 }

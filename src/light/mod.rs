@@ -21,6 +21,7 @@ mod look;
 mod lost;
 mod moved;
 mod neighbors;
+mod openings;
 mod piece;
 mod probe;
 mod punctual;
@@ -35,6 +36,7 @@ pub use direct::{Direct, direct};
 pub use emitters::{Emitters, Source};
 pub use lost::lost;
 pub use moved::moved;
+pub use openings::Openings;
 pub use probe::Probe;
 
 /// How to gather direct light.

@@ -166,7 +166,7 @@ impl Piece {
     }
 
     /// Radiance from a point of its triangle to where a direction leads there from.
-    fn toward(&self, scene: &Scene, direction: Vec3, b: Vec2) -> Rgb {
+    pub(super) fn toward(&self, scene: &Scene, direction: Vec3, b: Vec2) -> Rgb {
         let lit = self.two_sided || self.normal.dot(direction) < 0.0;
         if lit { scene.emission(self.triangle, b) } else { Rgb::ZERO }
     }

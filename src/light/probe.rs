@@ -36,12 +36,12 @@ impl<'a> Probe<'a> {
             let mut cut = emitters.cut(&place.site());
             let (pick, u) = (f64::from(square().x), square());
             if !cut.is_empty() {
-                direct += look.finite(&place, &mut cut, pick, u).all;
+                direct += look.finite(&place, &mut cut, pick, u, None).all;
             }
         }
         if !emitters.infinity.is_black() {
             let (pick, u) = (f64::from(square().x), square());
-            direct += look.infinity(&place, pick, u, 0.0).all;
+            direct += look.infinity(&place, None, pick, u, 0.0).all;
         }
         let direction = Frame::from_normal(place.normal()).to_world(warp::square_to_cosine_hemisphere(square()));
         let onward = look.leave(&place, direction).map(|(_, origin)| Ray { origin, direction, t_max: f32::INFINITY });

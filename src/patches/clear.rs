@@ -30,11 +30,11 @@ impl Clear {
     /// Looks at all blocks.
     pub(super) fn find(patches: &Patches, solids: Solids<'_>, progress: &Progress) -> Self {
         let bits = |block: &Block| block.iter().fold(0, |bits, (k, _)| bits | 1 << k);
-        let places = parallel::map_watched(patches.block_places(), progress, |place| {
-            let clear = patches.blocks_at(place).into_iter().filter(|block| is_clear(patches, solids, block));
+        let places = parallel::map_watched(patches.block_places(BLOCK), progress, |place| {
+            let clear = patches.blocks_at(place, BLOCK).into_iter().filter(|block| is_clear(patches, solids, block));
             clear.fold(0, |all, block| all | bits(&block))
         });
-        Self { places, size: patches.blocks_per_side() }
+        Self { places, size: patches.blocks_per_side(BLOCK) }
     }
 
     /// Of one front patch.

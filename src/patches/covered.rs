@@ -11,6 +11,7 @@
 //!
 //! Limits: what is as low as this and wide, as a slit below a cupboard, shows the light around it.
 
+use super::blocks::BLOCK;
 use super::exposed::{outline, rounding};
 use super::pockets::Left;
 use super::{Patches, SurfacePoint};
@@ -37,7 +38,7 @@ const LEAST_OPEN: usize = 8;
 
 /// Takes what is covered out of the light.
 pub(super) fn take_out(patches: &mut Patches, tracer: &Tracer<'_>, progress: &Progress) {
-    let found = parallel::map_watched(patches.block_places(), progress, |place| patches.covered_at(tracer, place));
+    let found = parallel::map_watched(patches.block_places(BLOCK), progress, |place| patches.covered_at(tracer, place));
     let found: Vec<(usize, Left)> = found.into_iter().flatten().collect();
     if found.is_empty() {
         return;
@@ -70,7 +71,7 @@ impl Patches {
     fn covered_at(&self, tracer: &Tracer<'_>, place: usize) -> Vec<(usize, Left)> {
         let scene = tracer.scene();
         let mut found = vec![];
-        for block in self.blocks_at(place) {
+        for block in self.blocks_at(place, BLOCK) {
             let of_few = |i: &usize| self.exposed[*i] > 0.0 && self.fragments.range(*i).len() <= MOST_FRAGMENTS;
             let fronts: Vec<usize> = block.iter().map(|(_, i)| *i).filter(of_few).collect();
             let mut own: Vec<u32> = fronts.iter().flat_map(|i| self.triangles(*i)).collect();

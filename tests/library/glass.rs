@@ -163,7 +163,7 @@ fn every_kind_of_ray_sees_the_same_colour() {
     let expected = Rgb::new(0.72, 0.4, 0.08) * core::f32::consts::PI;
     near(floor_mean(&stage, &stage.direct(64)), expected, 0.01);
     let black = vec![Rgb::ZERO; stage.patches.len()];
-    let sky = |_: Vec3, direction: Vec3| scene.light_from_infinity(direction);
+    let sky = |_: usize, _: Vec3, direction: Vec3| scene.light_from_infinity(direction);
     let [a, _] = stage.gather(&black, &Tilts::default(), Some(&sky), 64, 3);
     near(floor_mean(&stage, &a), expected, 0.01);
 }

@@ -12,7 +12,7 @@ use std::f32::consts::PI;
 use std::path::Path;
 use texelwalk::base::distribution::Grid;
 use texelwalk::base::{Progress, Rgb, Stream, warp};
-use texelwalk::light;
+use texelwalk::light::{self, Openings};
 use texelwalk::patches::Tilts;
 use texelwalk::scene::{Class, Environment, Light, Scene};
 use texelwalk::walk::{self, Splat};
@@ -258,9 +258,11 @@ fn divided(scene: &Scene, rays: f32, told: f32) -> [f64; 3] {
     let stage = Stage::new(scene, 6.0);
     let p = &stage.patches;
     let settings = light::Settings { samples: 64, gather_rays: rays, seed: 3, directional: false };
-    let direct = light::direct(&stage.tracer, p, &stage.emitters, &settings, &Progress::default());
+    let direct =
+        light::direct(&stage.tracer, p, &stage.emitters, &Openings::default(), &settings, &Progress::default());
     let black = vec![Rgb::ZERO; p.len()];
-    let sky = |normal, toward| stage.emitters.gathered_sky(scene, normal, toward, told);
+    let none = Openings::default();
+    let sky = |patch, normal, toward| stage.emitters.gathered_sky(scene, (&none, patch), normal, toward, told);
     let found = stage.gather(&black, &Tilts::default(), Some(&sky), 256, 7);
     let mean = |[a, b]: &[Vec<Rgb>; 2]| {
         let values: Vec<Rgb> = a.iter().zip(b).map(|(a, b)| (*a + *b) * 0.5).collect();

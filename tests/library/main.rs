@@ -39,6 +39,7 @@ mod lost_light;
 mod mips;
 mod near;
 mod normal_maps;
+mod openings;
 mod output;
 mod overlaid;
 mod party;

@@ -170,7 +170,7 @@ fn a_coarse_sphere_sees_the_whole_sky_above_it() {
 fn gathered(scene: &Scene, texels_per_meter: f32, sky: bool) -> (Vec<f32>, Vec<Vec3>) {
     let stage = Stage::new(scene, texels_per_meter);
     let radiance = vec![Rgb::ONE; stage.patches.len()];
-    let white = |_: Vec3, _: Vec3| Rgb::ONE;
+    let white = |_: usize, _: Vec3, _: Vec3| Rgb::ONE;
     let field = Field {
         tracer: &stage.tracer,
         patches: &stage.patches,

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use texelwalk::atlas::{self, Atlas};
 use texelwalk::base::{Progress, Rgb};
 use texelwalk::gather::{Field, Gathered, Sky as GatheredSky};
-use texelwalk::light::{self, Emitters, shoot};
+use texelwalk::light::{self, Emitters, Openings, shoot};
 use texelwalk::patches::{PatchGraph, Patches, Tilts};
 use texelwalk::scene::{self, Scene, Sky};
 use texelwalk::trace::Tracer;
@@ -64,7 +64,14 @@ impl<'a> Stage<'a> {
 
     pub fn direct_halves(&self, samples: u32, seed: u64) -> light::Direct {
         let settings = light::Settings { samples, gather_rays: 0.0, seed, directional: false };
-        light::direct(&self.tracer, &self.patches, &self.emitters, &settings, &Progress::default())
+        light::direct(
+            &self.tracer,
+            &self.patches,
+            &self.emitters,
+            &Openings::default(),
+            &settings,
+            &Progress::default(),
+        )
     }
 
     /// The walk, from direct irradiance or from lines of the emitters.
