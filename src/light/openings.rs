@@ -44,7 +44,7 @@ const RAYS: u32 = CELLS * CELLS;
 /// Rays after which a block that sees most of the sky needs no more.
 const FEW_RAYS: u32 = 64;
 /// Share of the sky that is seen, from which on looking for it needs no map.
-const MOST: f32 = 0.15;
+const MOST: f32 = 0.06;
 /// Reflectance from which on the sky has no map. In white rooms with a gap the same rays have to tell how much light comes in
 /// and how much goes out (`gather::settle`), or the level is off by what they differ.
 const WHITE: f32 = 0.8;
