@@ -4,6 +4,7 @@
 //!
 //! `solve` is one pass of the solver, `refine` makes as many of them as `plan` says; `write` puts results into files.
 
+mod bright;
 mod clock;
 mod dark;
 mod directional;
@@ -213,6 +214,8 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     let mut results = clock.timed("finish", |progress| finished(&solution, progress))?;
     if to_vertices {
         clock.timed("vertices", |progress| fitted(&mut results, progress))?;
+    } else {
+        warnings.extend(bright::warning(&results, settings.quantity));
     }
     facts.write(&solution, results, warnings, &mut clock)
 }

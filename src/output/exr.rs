@@ -1,8 +1,8 @@
 //! OpenEXR: lightmap pages, AOV files, and the reader that `compare` and `render` use.
 //!
 //! Written: one part, scan lines in increasing order, ZIP of 16 lines, half (or float for positions and errors),
-//! Rec.709 chromaticities, no time stamp. Row 0 = v 0. Values beyond the half range are clamped to it; not-a-number is
-//! an error, because one such texel blackens everything that is filtered with it.
+//! Rec.709 chromaticities, no time stamp. Row 0 = v 0. Values beyond the half range are clamped to it, which the bake
+//! warns of (`bake::bright`); not-a-number is an error, because one such texel blackens everything that is filtered with it.
 //!
 //! Trap: the `exr` crate keeps attributes that it does not know in a `HashMap`, so it would write them in another order
 //! on every run. They are therefore spliced into the finished header here, in the order of their names, and the table
@@ -20,6 +20,9 @@ use half::f16;
 use std::collections::BTreeMap;
 use std::io::Cursor;
 use std::path::Path;
+
+/// The largest half float, which brighter values become.
+pub const LARGEST: f32 = 65504.0;
 
 /// String attributes by name (at most 31 bytes each), for example `texelwalk.quantity`.
 pub type Attributes = BTreeMap<String, String>;
@@ -142,7 +145,7 @@ fn write(
 
 /// Nearest finite half.
 fn to_half(value: f32) -> f16 {
-    f16::from_f32(value.clamp(-f16::MAX.to_f32(), f16::MAX.to_f32()))
+    f16::from_f32(value.clamp(-LARGEST, LARGEST))
 }
 
 fn header_text(path: &Path, name: &str) -> Result<format::Text, Error> {

@@ -20,6 +20,7 @@ mod support;
 
 mod alike;
 mod basis;
+mod bright;
 mod check;
 mod choices;
 mod contact;

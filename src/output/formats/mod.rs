@@ -1,7 +1,7 @@
 //! Lightmap pages in the formats that engines load: `--format`.
 //!
 //! In: the pages of a bake. Out: a file per page and format, and what a reader must know to decode it. Every format
-//! holds the same picture, the half floats of the EXR (not below 0), row 0 = v 0, linear Rec.709. In the table `rgb`
+//! holds the same picture, the half floats of the EXR (not below 0, at most 65,504), row 0 = v 0, linear Rec.709. In the table `rgb`
 //! and `a` are what a sampler returns, in [0, 1] for PNG; nothing is sRGB, so load without colour conversion.
 //!
 //! | format | file | value of a texel | whose convention |
@@ -261,7 +261,7 @@ fn check(path: &Path, page: &Page) -> Result<(), Error> {
 
 /// The value that every format stores: the EXR's half float, never below 0.
 fn half(value: f32) -> f16 {
-    f16::from_f32(value.clamp(0.0, f16::MAX.to_f32()))
+    f16::from_f32(value.clamp(0.0, exr::LARGEST))
 }
 
 /// The smallest power of two that is not below `least`; 1 for black.
