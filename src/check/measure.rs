@@ -8,7 +8,7 @@ use glam::Vec3;
 /// What is measured. The order is that of the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
-    /// Files that are missing, damaged, unused, or of another size than the manifest says.
+    /// Files that are missing, damaged, unused, black, or not as the manifest says.
     Page,
     /// Texels that are negative or no finite number.
     Values,
@@ -22,7 +22,7 @@ pub enum Kind {
     UvDegenerate,
     /// Charts that a look-up reads together.
     Padding,
-    /// Look-ups that read texels which nobody filled.
+    /// Look-ups that read texels which nobody filled, or somebody with light of something else.
     Uncovered,
     /// Light of other charts in small mip levels.
     MipBleeding,
@@ -83,14 +83,18 @@ impl Kind {
 
     const fn rule(self) -> (&'static str, f64, &'static str) {
         match self {
-            Self::Page => ("page", 0.0, "page files that are missing, unused, or not as the manifest says"),
+            Self::Page => ("page", 0.0, "page files that are missing, unused, black, or not as the manifest says"),
             Self::Values => ("values", 0.0, "texels that are negative or not finite"),
             Self::UvMissing => ("uv-missing", 0.0, "primitives without usable lightmap coordinates"),
             Self::UvRange => ("uv-range", 0.0, "share of the surface that lies outside of its page"),
             Self::UvOverlap => ("uv-overlap", 1e-4, "share of the charts' area that is claimed twice"),
             Self::UvDegenerate => ("uv-degenerate", 1e-4, "share of the surface without area on its page"),
             Self::Padding => ("padding", 0.0, "pairs of charts that a look-up mixes"),
-            Self::Uncovered => ("uncovered", 0.0, "texels whose look-ups read texels that were never filled"),
+            Self::Uncovered => (
+                "uncovered",
+                0.0,
+                "texels whose look-ups read texels without surface that are not filled from their chart",
+            ),
             Self::MipBleeding => {
                 ("mip-bleeding", 0.01, "light of others in mip levels said to be clean, else 1 to 3, 99.9th percentile")
             }

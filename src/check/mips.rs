@@ -3,7 +3,7 @@
 //! In: pages with boxes of 2ᵏ × 2ᵏ texels averaged, as graphics libraries make mip levels. At the middle of every texel at
 //! the border of a chart, a look-up in level k is compared with the same look-up that reads none but the chart's own
 //! texels: those it covers, and those around it that are nearer to it than to any other chart, unless they were left
-//! black beside lit ones. So a gradient of light is no fault: without foreign texels in reach the two are equal.
+//! black beside lit ones or hold, as most of them do, light that the chart has nowhere (`foreign`). So a gradient of light is no fault: without foreign texels in reach the two are equal.
 //!
 //! Judged are the levels of which the manifest says that they are clean (`mipLevels`), and levels 1 to 3 where it says
 //! nothing, as other bakers do not. In a file that promises n levels, the texels that look-ups of one chart alone read up
@@ -12,6 +12,7 @@
 //! Limits: of pages whose sides are no multiples of 2ᵏ the last texels are left out, as most libraries do. Block
 //! compression is not simulated: its error shows in formats, and would hide what is looked for here.
 
+use super::foreign::Foreign;
 use super::measure::{Kind, Measure, Tally};
 use super::page;
 use super::subject::{FLOOR, Subject, rgb};
@@ -39,14 +40,16 @@ struct Owners {
     chart: Vec<u32>,
     /// What is covered near the texel is lit, so black is no light of its own.
     lit: Vec<bool>,
+    /// No surface, and light that its chart has nowhere, as most of the chart's own texels without surface.
+    foreign: Vec<bool>,
 }
 
 impl Owners {
-    fn new(subject: &Subject<'_>, page: u32, cells: Option<&Cells>) -> Self {
+    fn new(subject: &Subject<'_>, foreign: &Foreign, page: u32, cells: Option<&Cells>) -> Self {
         let image = subject.page(page);
         let (width, height) = (image.width as i32, image.height as i32);
         let count = image.pixels.len();
-        let mut owners = Self { width, height, chart: vec![NO_CHART; count], lit: vec![false; count] };
+        let mut owners = Self { width, height, chart: vec![NO_CHART; count], lit: vec![false; count], foreign: vec![] };
         let mut front = vec![];
         for y in 0..height {
             for x in 0..width {
@@ -64,7 +67,22 @@ impl Owners {
         if let Some(cells) = cells {
             owners.take(subject, page, cells);
         }
+        owners.find_foreign(subject, foreign, page);
         owners
+    }
+
+    fn find_foreign(&mut self, subject: &Subject<'_>, foreign: &Foreign, page: u32) {
+        let width = self.width;
+        let light = |i: usize| {
+            let [x, y] = [i as i32 % width, i as i32 / width];
+            subject.patches.front_at(page, x, y).is_none().then(|| rgb(subject.texel(page, x, y)))
+        };
+        let looks = parallel::map_light(self.chart.len(), |i| {
+            light(i).map_or([0; 2], |light| [1, u32::from(foreign.is_foreign_to(self.chart[i], light))])
+        });
+        let most = foreign.most(self.chart.iter().copied().zip(looks.iter().copied()));
+        let is_foreign = |(chart, [_, own]): (&u32, &[u32; 2])| *own > 0 && most.get(*chart as usize) == Some(&true);
+        self.foreign = self.chart.iter().zip(&looks).map(is_foreign).collect();
     }
 
     /// Gives the texels beside charts to the chart whose look-ups alone read them.
@@ -127,14 +145,15 @@ fn cells(subject: &Subject<'_>, level: u32) -> Cells {
 }
 
 /// Bleeding at chart borders; the value is the 99.9th percentile over them, the worst level of each.
-pub(super) fn measure(subject: &Subject<'_>) -> Measure {
+pub(super) fn measure(subject: &Subject<'_>, foreign: &Foreign) -> Measure {
     let patches = &subject.patches;
     let promised = page::clean_levels(&subject.scene.document);
     let judged = promised.unwrap_or(LEVELS) as usize;
     let count = judged.max(LEVELS as usize);
     let cells = promised.filter(|level| *level > 0).map(|level| cells(subject, level));
-    let owners =
-        parallel::map(subject.lightmaps.pages().len(), |page| Owners::new(subject, page as u32, cells.as_ref()));
+    let owners = parallel::map(subject.lightmaps.pages().len(), |page| {
+        Owners::new(subject, foreign, page as u32, cells.as_ref())
+    });
     let border: Vec<u32> = (0..patches.front).filter(|&i| is_border(subject, i)).map(|i| i as u32).collect();
     let limit = subject.settings.limit(Kind::MipBleeding);
     let chunks = parallel::map_chunks(border.len(), CHUNK, |range| {
@@ -200,7 +219,7 @@ fn bleeding(subject: &Subject<'_>, owners: &Owners, i: usize, level: u32) -> f64
                 let value = rgb(subject.texel(page, x, y));
                 let i = (y * owners.width + x) as usize;
                 let unfilled = value == Rgb::ZERO && owners.lit[i] && patches.front_at(page, x, y).is_none();
-                if owners.chart[i] == chart && !unfilled {
+                if owners.chart[i] == chart && !unfilled && !owners.foreign[i] {
                     own += value * weight;
                     own_weight += weight;
                 } else {

@@ -7,15 +7,18 @@
 //! references (`MOZ_lightmap`, `extras.lightmap`). Every measure ([`Kind`]) has a value, a limit, and the places where it
 //! is worst: `uv` looks at the coordinates, `padding` at what bilinear look-ups at borders read, `mips` at what small mip
 //! levels do, `seams` at borders across which light should go on, `leaks` at walls, `texels` at single values, `density`
-//! at size and shape, `page` at the files. `subject` prepares what they share, `sight` knows what nobody gets to see,
-//! `treatment` what rules were baked by.
+//! at size and shape, `page`, `files` and `black` at the files. `subject` prepares what they share, `sight` knows what
+//! nobody gets to see, `foreign` what light charts have, `treatment` what rules were baked by.
 //!
 //! Invariant: the same report at any thread count. Memory and time in proportion to texels and triangles.
 //!
 //! Limits: values are compared as they are stored; light at vertices has no texels and is not checked.
 
+mod black;
 mod charts;
 mod density;
+mod files;
+mod foreign;
 mod leaks;
 mod measure;
 mod mips;
@@ -40,6 +43,7 @@ use crate::output;
 use crate::render::Lightmaps;
 use crate::scene::{self, Scene};
 use crate::trace::Tracer;
+use foreign::Foreign;
 use glam::{DVec3, Vec3};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -171,8 +175,10 @@ pub fn check(baked: &Baked, settings: &Settings) -> Result<Report, Error> {
     let faults = page::faults(&baked.scene.document, &baked.lightmaps)?;
     let mut measures = vec![page::measure(&subject, faults, &pages), texels::values(&subject, &baked.bad)];
     measures.extend(uv::measure(&subject, &baked.warnings));
-    measures.extend([padding::padding(&subject), padding::uncovered(&subject), mips::measure(&subject)]);
     let seams = seams::find(&subject);
+    let foreign = Foreign::new(&subject, &seams);
+    measures.push(padding::padding(&subject));
+    measures.extend([padding::uncovered(&subject, &foreign), mips::measure(&subject, &foreign)]);
     measures.push(seams::measure(&subject, &seams));
     measures.extend(leaks::measure(&subject));
     measures.extend([texels::invalid(&subject), texels::firefly(&subject, &seams)]);

@@ -1,9 +1,11 @@
-//! What bilinear look-ups at chart borders read besides their own chart: other charts, and texels nobody filled.
+//! What bilinear look-ups at chart borders read besides their own chart: other charts, texels nobody filled, and such that
+//! somebody filled with light of something else (`foreign`).
 //!
 //! A look-up at a point reads the four texels whose centres are around it. The pieces of triangles in a texel say which
 //! of its neighbours are read. Another chart in one of them is a fault unless it is the same surface going on: the
 //! triangle, continued as a plane, would be where the other one is.
 
+use super::foreign::Foreign;
 use super::measure::{Kind, Measure, Tally};
 use super::subject::{FLOOR, Subject, rgb, world_of};
 use super::texels;
@@ -101,9 +103,30 @@ fn continues(subject: &Subject<'_>, i: usize, own: u32, other: u32, at: DVec2, w
     expected.distance(scene.position(point.triangle, point.b)) < CONTINUES * patches.texel_edge(i)
 }
 
-/// Texels of charts whose look-ups read zeros around them.
-pub(super) fn uncovered(subject: &Subject<'_>) -> Measure {
-    texels::count(subject, Kind::Uncovered, LEAST_WEIGHT, |i| black_weight(subject, i))
+/// Texels of charts whose look-ups read zeros around them, or what is none of their light.
+pub(super) fn uncovered(subject: &Subject<'_>, foreign: &Foreign) -> Measure {
+    let value = |i| black_weight(subject, i).max(foreign_weight(subject, foreign, i));
+    texels::count(subject, Kind::Uncovered, LEAST_WEIGHT, value)
+}
+
+/// Largest weight of a texel without surface in look-ups of a texel whose light it has nothing to do with.
+fn foreign_weight(subject: &Subject<'_>, foreign: &Foreign, i: usize) -> f64 {
+    let patches = &subject.patches;
+    let (page, (x, y)) = (patches.page(i), patches.texel_xy(i));
+    let image = subject.page(page);
+    if subject.mean <= 0.0 || patches.exposed[i] <= 0.0 {
+        return 0.0;
+    }
+    let is_foreign = |o: &IVec2| {
+        let at = [x as i32 + o.x, y as i32 + o.y];
+        let within = at[0] >= 0 && at[1] >= 0 && at[0] < image.width as i32 && at[1] < image.height as i32;
+        within
+            && patches.front_at(page, at[0], at[1]).is_none()
+            && foreign.is_beside(subject, patches.chart(i), page, at)
+    };
+    let most = |o: IVec2| patches.pieces(i).map(|(_, polygon)| weight(&polygon, o)).fold(0.0, f64::max);
+    let read = around(1).map(|o| (o, most(o))).filter(|(o, most)| *most > LEAST_WEIGHT && is_foreign(o));
+    read.map(|(_, most)| most).fold(0.0, f64::max)
 }
 
 /// Largest weight of an unfilled texel in look-ups of a lit one.

@@ -1,10 +1,12 @@
-//! The files of the pages: are they there, as large as the manifest says, and used?
+//! The files of the pages: are they there, as the manifest says, used, and lit?
 //!
 //! In: the document's `extras.lightmap` (the manifest of its scenes) and what the materials refer to. Out: a
-//! [`PageFacts`] for every page that triangles lie on, and faults as sentences.
+//! [`PageFacts`] for every page that triangles lie on, and faults as sentences: `files` about names and factors, `black`
+//! about pages without light.
 
 use super::measure::{Kind, Measure, Tally};
 use super::subject::Subject;
+use super::{black, files};
 use crate::atlas::MOST_MIPS;
 use crate::output::Error;
 use crate::output::splice::Element;
@@ -35,13 +37,17 @@ struct Entry {
 pub(super) fn clean_levels(document: &Document) -> Option<u32> {
     let root = Element::root(&document.json).ok()?;
     let scenes = root.array("scenes");
-    let manifest = scenes.iter().find_map(|s| s.find(&["extras", "lightmap"]))?;
+    let manifest = scenes.iter().find_map(of_scene)?;
     manifest.index_at("mipLevels").map(|levels| (levels as u32).min(MOST_MIPS))
 }
 
-fn manifest(root: &Element<'_>) -> Vec<Entry> {
-    let scenes = root.array("scenes");
-    let Some(manifest) = scenes.iter().find_map(|s| s.find(&["extras", "lightmap"])) else { return vec![] };
+/// The manifest of a scene.
+fn of_scene<'a>(scene: &Element<'a>) -> Option<Element<'a>> {
+    scene.find(&["extras", "lightmap"])
+}
+
+fn entries(manifest: Option<&Element<'_>>) -> Vec<Entry> {
+    let Some(manifest) = manifest else { return vec![] };
     let entry = |page: &Element<'_>| Entry {
         texture: page.index_at("texture"),
         size: [page.index_at("width"), page.index_at("height")],
@@ -68,8 +74,12 @@ fn textures(root: &Element<'_>) -> Vec<usize> {
 /// If the document is no JSON.
 pub(super) fn faults(document: &Document, lightmaps: &Lightmaps) -> Result<Vec<String>, Error> {
     let root = Element::root(&document.json).map_err(|e| Error::invalid(&document.path, e.to_string()))?;
-    let (used, mut faults) = (textures(&root), vec![]);
-    for (k, entry) in manifest(&root).into_iter().enumerate() {
+    let manifest = root.array("scenes").iter().find_map(of_scene);
+    let used = textures(&root);
+    let mut faults: Vec<String> =
+        used.iter().flat_map(|texture| files::missing(&document.path, &root, *texture)).collect();
+    faults.extend(manifest.iter().flat_map(|manifest| files::contradictions(&root, manifest)));
+    for (k, entry) in entries(manifest.as_ref()).into_iter().enumerate() {
         let name = if entry.uri.is_empty() { format!("page {k} of the manifest") } else { entry.uri };
         let Some(page) = entry.texture.and_then(|t| used.iter().position(|u| *u == t)) else {
             faults.push(format!("{name} is used by no material"));
@@ -108,6 +118,7 @@ pub(super) fn facts(subject: &Subject<'_>) -> Vec<PageFacts> {
 pub(super) fn measure(subject: &Subject<'_>, mut faults: Vec<String>, facts: &[PageFacts]) -> Measure {
     let empty = |(k, _): (usize, &PageFacts)| format!("no triangle lies on page {k}");
     faults.extend(facts.iter().enumerate().filter(|(_, f)| f.covered == 0).map(empty));
+    faults.extend(black::faults(subject));
     let mut tally = Tally::default();
     (tally.count, tally.of) = (faults.len() as u64, facts.len() as u64);
     let mut measure = tally.measure(subject, Kind::Page, faults.len() as f64);

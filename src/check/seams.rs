@@ -81,21 +81,35 @@ impl Beyond {
 
     /// The brightest light beyond the seams that run through a texel, in the unit of the pages; 0 if none does.
     pub(super) fn brightest(&self, subject: &Subject<'_>, texel: usize) -> f32 {
+        let light = |([(own, _), (other, l)], [from, to]): (Seam, [f32; 2])| {
+            let flat = subject.flat[own as usize]?;
+            let along = (0..=PER_TEXEL as u32).map(|s| from + (to - from) * (s as f32 / PER_TEXEL));
+            let at = |a: f32| subject.lightmaps.irradiance(subject.scene, other, on_edge(l, 1.0 - a));
+            along.filter_map(at).map(|light| light.max_element() / flat.intensity).reduce(f32::max)
+        };
+        self.through(subject, texel).filter_map(light).fold(0.0, f32::max)
+    }
+
+    /// A seam runs through a texel, or along it.
+    pub(super) fn runs_through(&self, subject: &Subject<'_>, texel: usize) -> bool {
+        self.through(subject, texel).next().is_some()
+    }
+
+    /// Seams that run through a texel, its side first, with the part of the edge that does.
+    fn through<'s>(&'s self, subject: &'s Subject<'_>, texel: usize) -> impl Iterator<Item = (Seam, [f32; 2])> + 's {
         let (x, y) = subject.patches.texel_xy(texel);
         let middle = Vec2::new(x as f32, y as f32) + 0.5;
         let of = |triangle: u32| {
             let sides = &self.0[self.0.partition_point(|s| s[0].0 < triangle)..];
             sides.iter().take_while(move |s| s[0].0 == triangle)
         };
-        let light = |&[(own, k), (other, l)]: &Seam| {
+        let part = move |seam: &Seam| {
+            let (own, k) = seam[0];
             let flat = subject.flat[own as usize]?;
             let ends = [k, (k + 1) % 3].map(|c| flat.uv[c as usize] - middle);
-            let [from, to] = within(ends, 0.5 + BESIDE)?;
-            let along = (0..=PER_TEXEL as u32).map(|s| from + (to - from) * (s as f32 / PER_TEXEL));
-            let at = |a: f32| subject.lightmaps.irradiance(subject.scene, other, on_edge(l, 1.0 - a));
-            along.filter_map(at).map(|light| light.max_element() / flat.intensity).reduce(f32::max)
+            within(ends, 0.5 + BESIDE).map(|part| (*seam, part))
         };
-        subject.patches.pieces(texel).flat_map(|(t, _)| of(t)).filter_map(light).fold(0.0, f32::max)
+        subject.patches.pieces(texel).flat_map(move |(t, _)| of(t)).filter_map(part)
     }
 }
 

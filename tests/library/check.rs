@@ -128,7 +128,7 @@ fn brighten_a_seam(baked: &mut Baked) {
 type Edit = fn(&mut Baked);
 
 /// What is planted, what must be found, what may be found besides.
-const PLANTED: [(&str, &str, &[&str], Edit); 23] = [
+const PLANTED: [(&str, &str, &[&str], Edit); 27] = [
     ("a material without lightmap", "uv-missing", &[], |b| {
         let material = b.primitive((b.node("Divider"), 0))["material"].as_u64().unwrap() as usize;
         b.json["materials"][material]["extensions"].as_object_mut().unwrap().remove("MOZ_lightmap");
@@ -185,6 +185,14 @@ const PLANTED: [(&str, &str, &[&str], Edit); 23] = [
     ("black two texels away from the charts", "mip-bleeding", &[], |b| {
         let texels: Vec<(usize, usize)> = beyond(b, 2);
         paint(b, &texels, 0.0);
+    }),
+    ("white around the charts", "uncovered", &["mip-bleeding", "seam-step", "leaks", "dark-strip"], |b| {
+        let texels: Vec<(usize, usize)> = beyond(b, 1);
+        paint(b, &texels, 2.0);
+    }),
+    ("white two texels away from the charts", "mip-bleeding", &[], |b| {
+        let texels: Vec<(usize, usize)> = beyond(b, 2);
+        paint(b, &texels, 2.0);
     }),
     ("a chart brighter than its neighbour", "seam-step", &[], brighten_a_seam),
     ("light spread under a wall", "leaks", &[], |b| {
@@ -243,6 +251,11 @@ const PLANTED: [(&str, &str, &[&str], Edit); 23] = [
         second["texture"] = 0.into();
         pages.push(second);
     }),
+    ("an intensity of another quantity than the manifest's", "page", &[], |b| {
+        let material = b.primitive((b.node("Divider"), 0))["material"].as_u64().unwrap() as usize;
+        b.json["materials"][material]["extensions"]["MOZ_lightmap"]["intensity"] = 1.into();
+    }),
+    ("a black page", "page", &[], |b| b.page.pixels.iter_mut().for_each(|p| *p = [0.0, 0.0, 0.0, p[3]])),
 ];
 
 const LIGHT_AND_LAYOUT: [&str; 12] = [
@@ -274,6 +287,42 @@ fn every_planted_fault_is_found() {
         }
     }
     assert!(wrong.is_empty(), "\n{}", wrong.join("\n"));
+}
+
+#[test]
+fn what_falls_back_on_a_page_must_be_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let document = two_rooms().write(folder.path());
+    expect(&["check", path(&document), "--fail"], 0);
+    let preview = fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().path());
+    fs::remove_file(preview.filter(|p| p.extension().unwrap() == "png").last().unwrap()).unwrap();
+    let told = expect(&["check", path(&document), "--fail"], 7).stdout;
+    assert!(String::from_utf8_lossy(&told).contains("two-rooms.lightmap0.png is missing"));
+}
+
+#[test]
+fn a_black_page_beside_lit_ones_is_a_fault_where_light_reaches_it() {
+    // A floor under a lamp, and a closed room without one, on pages of their own.
+    let floor = |low: f32| quads::Quad::floor(low, 3.0, quads::grey(0.5));
+    let cellar = quads::Quad::room([20.0, 0.0, 20.0], [3.0; 3], quads::grey(0.5));
+    let lamp = serde_json::json!({"type": "point", "intensity": 50.0});
+    let scene = quads::Scene { quads: [vec![floor(0.0), floor(3.5)], cellar].concat(), lights: vec![] };
+    let options = ["--preset", "preview", "--texels-per-meter", "8", "--page-size", "40"];
+    let baked = scene.with(lamp, glam::Vec3::new(3.0, 2.0, 3.0), glam::Vec3::Y).bake(&options);
+    let document = baked.path("out.gltf");
+    let notes = || report(&document, &Settings::default()).measure(Kind::Page).unwrap().notes.clone();
+    assert_eq!(notes(), Vec::<String>::new());
+    let pages: Vec<PathBuf> = (0..8).map(|k| baked.path(&format!("out.lightmap{k}.exr"))).collect();
+    let read = |p: &PathBuf| texelwalk::output::exr::read_rgba(p).unwrap();
+    let is_lit = |p: &PathBuf| read(p).pixels.iter().any(|t| t[3] > 0.0 && t[0] > 0.0);
+    let lit: Vec<usize> = (0..8).filter(|k| is_lit(&pages[*k])).collect();
+    assert_eq!(lit.len(), 2);
+    let image = read(&pages[lit[1]]);
+    let size = (image.width as usize, image.height as usize);
+    let black = |x: usize, y: usize| (0.0f32, 0.0f32, 0.0f32, image.pixels[y * size.0 + x][3]);
+    exr::prelude::write_rgba_file(&pages[lit[1]], size.0, size.1, black).unwrap();
+    let notes = notes();
+    assert!(notes.len() == 1 && notes[0].starts_with(&format!("page {} is black", lit[1])), "{notes:?}");
 }
 
 #[test]

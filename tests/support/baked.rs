@@ -39,7 +39,7 @@ impl Baked {
         Self { json, bin, page }
     }
 
-    /// Writes document and page, whatever they hold.
+    /// Writes document and page, whatever they hold, and files in place of the previews.
     pub(crate) fn write(&self, folder: &Path) -> PathBuf {
         let mut json = serde_json::to_vec(&self.json).unwrap();
         json.resize(json.len().next_multiple_of(4), b' ');
@@ -59,6 +59,9 @@ impl Baked {
         let uri =
             self.json["textures"].as_array().unwrap().iter().find_map(|t| t["extras"]["lightmap"]["uri"].as_str());
         exr::prelude::write_rgba_file(folder.join(uri.unwrap()), width, self.page.height as usize, texel).unwrap();
+        for uri in self.json["images"].as_array().into_iter().flatten().filter_map(|i| i["uri"].as_str()) {
+            fs::write(folder.join(uri), b"a preview").unwrap();
+        }
         path
     }
 

@@ -89,7 +89,8 @@ impl Quantity {
     }
 
     /// Factor from texel to irradiance, as JSON.
-    const fn intensity(self) -> &'static str {
+    #[must_use]
+    pub const fn intensity(self) -> &'static str {
         match self {
             Self::Radiosity => "3.141592653589793",
             Self::Irradiance => "1",
