@@ -2,7 +2,8 @@
 //!
 //! In: patches with their light. Out: a warning (`thin-wall`) for each node on which dark texels lie beside lit ones of the
 //! same chart that they cannot see, so near that a look-up mixes both: neighbours, or with one texel between them that both
-//! sides read. `check` looks closer (`leaks`, `dark-strip`), at points instead of texels.
+//! sides read. What is dark must go on: the end of a board that sticks in a wall is dark behind it, and there is nothing that
+//! light could leak into. `check` looks closer (`leaks`, `dark-strip`), at points instead of texels.
 
 use crate::atlas::Atlas;
 use crate::base::{Rgb, Warning, parallel};
@@ -14,6 +15,8 @@ use std::collections::BTreeMap;
 const DARK: f32 = 0.01;
 /// Light over the mean, below which nothing is lit.
 const LIT: f32 = 0.05;
+/// Texels that are dark, one behind the other, before it is a place and no stub.
+const DEEP: i32 = 2;
 /// Texels per chunk of work.
 const CHUNK: usize = 1024;
 
@@ -75,14 +78,24 @@ impl Look<'_> {
         };
         let mut pairs = vec![];
         for axis in [0, 1] {
+            // The dark texel of a pair lies `steps` away, or is texel i; from there on it must stay dark.
+            let goes_on = |&(lit, dark): &Pair, steps: i32| {
+                let (from, way) = if dark == i { (0, -1) } else { (steps, 1) };
+                (1..DEEP).all(|k| at(axis, from + k * way).is_some_and(|j| self.is_dark_beside(j, lit)))
+            };
             let Some(next) = at(axis, 1) else { continue };
-            pairs.extend(self.parted(i, next));
+            pairs.extend(self.parted(i, next).filter(|pair| goes_on(pair, 1)));
             let Some(after) = at(axis, 2) else { continue };
             let read = |j: usize, low: bool| self.reaches(j, axis, low);
             let is_read = || patches.exposed[next] > 0.0 || (read(i, false) && read(after, true));
-            pairs.extend(self.parted(i, after).filter(|_| is_read()));
+            pairs.extend(self.parted(i, after).filter(|pair| is_read() && goes_on(pair, 2)));
         }
         pairs
+    }
+
+    /// A texel is in the open, and dark beside that one.
+    fn is_dark_beside(&self, j: usize, lit: usize) -> bool {
+        self.patches.exposed[j] > 0.0 && self.light[j].max_element() < DARK * self.light[lit].max_element()
     }
 
     /// Exposed surface lies in the lower or upper half of a texel, so that look-ups there read the texel beyond.

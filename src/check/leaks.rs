@@ -3,7 +3,8 @@
 //! At points spread over the surface the bilinear value is compared with that of those of its four texels whose surface
 //! can be seen from the point, along two short segments above the surface, as linked texels see each other; over a convex
 //! body the segments are higher, or it would hide its own other side. What lies buried in solids is never seen, nor is a
-//! texel that a thin wall splits: it has the light of both sides. Texels outside of the chart have no part on either side;
+//! texel that a thin wall splits: it has the light of both sides. Panes that let a tenth of the light through are no walls:
+//! what is behind them is lit through them, and darker by what they take. Texels outside of the chart have no part on either side;
 //! they are the padding's.
 //!
 //! *Leak*: (look-up − seen) over the largest texel, where what is seen is darker than [`DARK`] of it. *Dark strip*:
@@ -19,6 +20,7 @@ use super::subject::{FLOOR, Subject};
 use crate::base::low_discrepancy::Sequence;
 use crate::base::{Rgb, parallel};
 use crate::patches::{HEIGHTS, PatchSurface, Spot, SurfacePoint};
+use crate::trace::Ray;
 use glam::{Vec2, Vec3};
 
 /// Points per texel, and in all.
@@ -40,6 +42,12 @@ const ALIKE: f32 = 0.99;
 
 /// Least weight of what is seen: below it, it is rounding.
 const LEAST_WEIGHT: f32 = 1e-3;
+
+/// Share of the light that passes what is no wall, in its clearest channel.
+const CLEAR: f32 = 0.1;
+
+/// Distance from a plane up to which corners lie in it, in texel edges.
+const IN_PLANE: f32 = 1e-2;
 
 /// The worst point of a texel by each measure.
 type Worst = [(f64, SurfacePoint); 2];
@@ -160,10 +168,10 @@ fn look(subject: &Subject<'_>, i: usize, surface: &PatchSurface<'_>, spot: &Spot
 /// The surface of texel `j` can be seen from a point of texel `i`, and all of it is on one side of what stands there.
 fn sees(subject: &Subject<'_>, point: SurfacePoint, normal: Vec3, i: usize, j: usize) -> bool {
     let patches = &subject.patches;
-    if patches.exposed[j] <= 0.0 || patches.is_split(j) {
+    let edge = patches.texel_edge(i).min(patches.texel_edge(j));
+    if patches.exposed[j] <= 0.0 || patches.is_split(j) && !is_among_panes(subject, j, edge) {
         return false;
     }
-    let edge = patches.texel_edge(i).min(patches.texel_edge(j));
     // The mean position of a texel that spans facets lies below them.
     let middle = subject.middle(j);
     let [from, to] = [point, middle].map(|p| subject.scene.position(p.triangle, p.b));
@@ -171,8 +179,23 @@ fn sees(subject: &Subject<'_>, point: SurfacePoint, normal: Vec3, i: usize, j: u
     let over = crest(to - from, normal, there);
     HEIGHTS.iter().all(|height| {
         let lift = height * edge + over;
-        subject.tracer.segment_clear(from + normal * lift, to + there * lift)
+        let (from, to) = (from + normal * lift, to + there * lift);
+        subject.tracer.segment_clear(from, to) || {
+            let ray = Ray { origin: from, direction: to - from, t_max: 1.0 };
+            subject.tracer.unblocked(&ray, None).max_element() > CLEAR
+        }
     })
+}
+
+/// Nothing but panes can be what splits a texel: the rest around it lies in its plane.
+fn is_among_panes(subject: &Subject<'_>, j: usize, edge: f32) -> bool {
+    let (scene, middle) = (subject.scene, subject.middle(j));
+    let at = scene.position(middle.triangle, middle.b);
+    let normal = scene.geometric_normal(middle.triangle);
+    let is_in_plane = |t: u32| scene.corners(t).iter().all(|corner| (*corner - at).dot(normal).abs() < IN_PLANE * edge);
+    let is_pane =
+        |t: u32| !scene.material(t).is_opaque() && scene.transmittance(t, Vec2::splat(1.0 / 3.0)).max_element() > CLEAR;
+    !subject.tracer.any_within(at - edge, at + edge, |t| !is_in_plane(t) && !is_pane(t))
 }
 
 /// How far a surface that bends away from both ends of a line `along` it, with these normals there, rises above it.

@@ -18,6 +18,7 @@ mod solve;
 #[path = "../support/mod.rs"]
 mod support;
 
+mod alarms;
 mod alike;
 mod basis;
 mod bright;
