@@ -8,7 +8,8 @@
 //! meet anything meet backs of single-sided surfaces, it is lost.
 //!
 //! Limits: a sample. A hole through which less than one ray in a few hundred finds may be overlooked, as a window far away
-//! may be that is all that a sun shines through; so may a light inside a larger room of its own.
+//! may be that is all that a sun shines through. Of lit shells as of a bulb nothing is said beyond 60 cm, whatever is around:
+//! it may be a cellar.
 
 use super::punctual;
 use crate::base::{Frame, Warning, parallel, warp};
@@ -23,6 +24,8 @@ const FAR_RAYS: u32 = 1024;
 /// Farthest that the rays of a lamp get which is closed in, as a share of the scene's diagonal: a room of 8 m has bulbs and
 /// shades of up to 40 cm.
 const NEAR: f32 = 0.05;
+/// The most of that [m]: a cellar of 4 m below a terrain of 60 m is no bulb.
+const MOST_NEAR: f32 = 0.6;
 /// One in so many rays must meet something, or it says nothing that none meets a front.
 const ONE_OF: u32 = 8;
 
@@ -101,7 +104,7 @@ impl Met {
         let around = scene.document.root.node_name(*most?.0);
         let advice = "let that cast no light (casts = false in a rule or in extras)";
         let (low, high) = tracer.bounds();
-        let message = if !far && met == self.rays && self.reach < NEAR * low.distance(high) {
+        let message = if !far && met == self.rays && self.reach < (NEAR * low.distance(high)).min(MOST_NEAR) {
             format!(
                 "{what} is closed in by {around} and gets no farther than {:.2} m; {advice}, or move it out",
                 self.reach

@@ -64,6 +64,20 @@ fn a_lamp_in_a_room_or_in_a_shade_with_a_hole_is_not() {
     assert_eq!(told(vec![floor], "point", Vec3::Y * 50.0, Vec3::Y), Vec::<String>::new());
 }
 
+#[test]
+fn a_lamp_in_a_cellar_below_a_terrain_is_not() {
+    let mut terrain = Quad::floor(-30.0, 60.0, grey(0.5));
+    terrain.lift(2.8);
+    let cellar = Quad::room([-2.0, 0.0, -2.0], [4.0, 2.5, 4.0], grey(0.5));
+    let quads = [vec![terrain], cellar].concat();
+    for texels in ["0.1", "1"] {
+        let options = ["--preset", "preview", "--texels-per-meter", texels, "--gather", "4"];
+        let scene = Scene { quads: quads.clone(), lights: vec![] }.with(light("point"), LAMP, Vec3::Y);
+        let warnings = scene.bake(&options).report["warnings"].to_string();
+        assert!(!warnings.contains("lost-light"), "{warnings}");
+    }
+}
+
 /// Turned, it stands a step of rounding above or below. Half of its light would fall on the ceiling if it stood lower, nearly
 /// all of that on one texel.
 #[test]
