@@ -24,7 +24,7 @@ use glam::Vec2;
 const LEVELS: u32 = 3;
 /// Cuts beyond these, of pieces whose brightest point may be so many times as bright as their mean.
 const DEEPER: u32 = 3;
-const PEAKED: f32 = 8.0;
+const PEAKED: f32 = 4.0;
 /// Pieces of all textured triangles together, but for the first of each: 2,048 triangles that are alike have all levels.
 const MOST: f64 = (1u32 << 17) as f64;
 /// Least and most points per side of the grid at which a piece's texture is read: one for each of its texels between these.

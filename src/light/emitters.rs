@@ -11,7 +11,7 @@ use super::bounds::Bounds;
 use super::divide;
 use super::infinity::Infinity;
 use super::lit;
-use super::openings::{Openings, gathered_rays};
+use super::openings::{COUNTED, Openings};
 use super::piece::Piece;
 use super::punctual;
 use super::site::Site;
@@ -153,10 +153,8 @@ impl Emitters {
         direction: Vec3,
         rays: f32,
     ) -> Rgb {
-        let opening = openings.sky(patch);
-        let density = self.infinity.density_above(scene, normal, opening, direction);
-        scene.light_from_infinity(direction)
-            * lit::gathered(normal.dot(direction), density, gathered_rays(opening, rays))
+        let density = self.infinity.density_above(scene, normal, openings.sky(patch), direction, COUNTED);
+        scene.light_from_infinity(direction) * lit::gathered(normal.dot(direction), density, rays)
     }
 
     /// Something shines from infinity.

@@ -84,20 +84,21 @@ impl Infinity {
         let other = |pick: f32| self.by_map(scene, pick, u).unwrap_or_else(by_cosine);
         let through = opening.map_or(Err(pick), |opening| opening.sample(pick, u));
         let direction = through.unwrap_or_else(other);
-        (direction, self.density_above(scene, normal, opening, direction))
+        (direction, self.density_above(scene, normal, opening, direction, 1.0))
     }
 
-    /// Density per steradian of [`Infinity::above`] in a unit direction.
+    /// Density per steradian of [`Infinity::above`] in a unit direction, that of an opening several `times`.
     pub(super) fn density_above(
         &self,
         scene: &Scene,
         normal: Vec3,
         opening: Option<Opening<'_>>,
         direction: Vec3,
+        times: f32,
     ) -> f32 {
         let cosine = normal.dot(direction).max(0.0) / PI;
         let other = (1.0 - self.share) * cosine + self.share * self.density(scene, direction);
-        opening.map_or(other, |opening| opening.density(direction, other))
+        opening.map_or(other, |opening| opening.density(direction, other, times))
     }
 
     /// A direction of the whole sphere, and its density per steradian.

@@ -10,7 +10,7 @@
 use super::Emitters;
 use super::emitters::Leaf;
 use super::lit::{self, Lit};
-use super::openings::{Opening, gathered_rays};
+use super::openings::{COUNTED, Opening};
 use super::piece::{Piece, Sampled};
 use super::punctual;
 use super::site::Site;
@@ -51,7 +51,7 @@ impl Around<'_> {
     /// Density per steradian of a unit direction.
     fn density(&self, place: &Place, direction: Vec3) -> f32 {
         let by_cosine = place.normal.dot(direction).max(0.0) / PI;
-        self.opening.map_or(by_cosine, |opening| opening.density(direction, by_cosine))
+        self.opening.map_or(by_cosine, |opening| opening.density(direction, by_cosine, 1.0))
     }
 }
 
@@ -331,8 +331,11 @@ impl<'a> Look<'a> {
             return Lit::default();
         }
         let light = radiance * unblocked * (cosine / density);
-        let lit =
-            self.lit(place, direction, light, light * lit::gathered(cosine, density, gathered_rays(opening, rays)));
+        let counted = match opening {
+            Some(_) => self.emitters.infinity.density_above(scene, place.normal, opening, direction, COUNTED),
+            None => density,
+        };
+        let lit = self.lit(place, direction, light, light * lit::gathered(cosine, counted, rays));
         Lit { vector: lit.vector * trusted(density), ..lit }
     }
 }

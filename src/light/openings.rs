@@ -53,8 +53,8 @@ const SHADOW_RAYS: u32 = 8;
 const LITTLE: f32 = 0.125;
 /// Share of the samples that go by the map.
 const GUIDED: f32 = 0.75;
-/// Rays of the gather count for so much beside samples that go by a map: where these disagree, they get more.
-const GATHERED: f32 = 1.0 / 16.0;
+/// Samples that go by a map count for so many beside rays of the gather: where they disagree, there will be more.
+pub(super) const COUNTED: f32 = 16.0;
 /// Weight of a cell beside another in that one's.
 const BESIDE: f32 = 0.1;
 
@@ -160,8 +160,9 @@ impl Opening<'_> {
         Ok(self.frame.to_world(warp::square_to_cosine_hemisphere(square)))
     }
 
-    /// Density per steradian of a unit direction, if that of who chooses else is `other`.
-    pub(super) fn density(&self, direction: Vec3, other: f32) -> f32 {
+    /// Density per steradian of a unit direction, if that of who chooses else is `other`; for a share of the light, that of the
+    /// map may count several `times`.
+    pub(super) fn density(&self, direction: Vec3, other: f32, times: f32) -> f32 {
         let Frame { s, t, n } = *self.frame;
         let cosine = n.dot(direction);
         let own = if cosine > 0.0 {
@@ -170,13 +171,8 @@ impl Opening<'_> {
         } else {
             0.0
         };
-        own * GUIDED + other * (1.0 - GUIDED)
+        own * (GUIDED * times) + other * (1.0 - GUIDED)
     }
-}
-
-/// Rays of the gather for each sample of the sky, as far as they count.
-pub(super) fn gathered_rays(opening: Option<Opening<'_>>, rays: f32) -> f32 {
-    if opening.is_some() { rays * GATHERED } else { rays }
 }
 
 /// The cell of a point of the disc.

@@ -11,7 +11,11 @@
 //! Against Mitsuba (12,000 texels, two seeds), the squared error of a whole bake by `production` fell by 8 % in office and 5 %
 //! in two rooms, with a quarter of the rays by 6 and 3 %; direct light takes 0.94 of the time in office, 0.80 in cornell.
 //!
-//! Limits: few surfaces of even emission, and texels that face one way and that no emitter is close to.
+//! Tried: the ratio however far closed form and samples are apart. A ceiling of 200 m a metre above the floor has 1.00 of its
+//! light, and not 1.08 (16 samples); but where none of a texel's samples has chosen a lamp that is hidden from it, the light of
+//! that is added: NRMSE of two rooms by `production` rose from 0.88 to 1.00 %.
+//!
+//! Limits: emitters that fill the view of near surfaces are up to 8 % too bright by few samples; few surfaces of even emission, and texels that face one way and that no emitter is close to.
 
 use super::look::Look;
 use super::piece::Piece;
@@ -28,6 +32,8 @@ const FAR: f32 = 3.0;
 /// Samples of a half from which on the ratio is better than the samples alone. By fewer, two halves that nothing hides by
 /// chance agree where they should not: NRMSE of office with an eighth of the rays was 3.9 instead of 3.5 % (four seeds).
 const LEAST_SAMPLES: u32 = 4;
+/// Ratio of closed form and samples beyond which these say too little.
+const MOST_OFF: f32 = 2.0;
 
 /// Light of emissive surfaces on a patch [lx].
 #[derive(Debug, Clone, Copy, Default)]
@@ -48,9 +54,7 @@ impl Unhidden {
 
     /// What arrives, by one half of so many samples. Where nothing hides anything, it is all, without noise; where a part is
     /// hidden, the noise of that alone is left. Its bias falls with the number of samples, and is none where hiding does
-    /// not depend on the point of the emitter and of the texel. However far the samples are off, it is at most all: with the
-    /// ratio left out where closed form and samples differed by more than a factor of two, a ceiling of 200 m gave 1.08 of its
-    /// light (16 samples).
+    /// not depend on the point of the emitter and of the texel.
     pub(super) fn light(&self, half: usize, samples: u32) -> Rgb {
         let (arrived, would) = (self.arrived[half], self.would[half]);
         if samples < LEAST_SAMPLES { arrived } else { share(self.all, arrived, would) }
@@ -60,8 +64,8 @@ impl Unhidden {
 /// What arrives of `all` that would if nothing were in between, by samples of what arrives and of what would [lx].
 fn share(all: Rgb, arrives: Rgb, would: Rgb) -> Rgb {
     let one = |k: usize| {
-        let visible = arrives[k] / would[k];
-        if all[k] > 0.0 && visible.is_finite() { all[k] * visible.min(1.0) } else { arrives[k] }
+        let ratio = all[k] / would[k];
+        if (1.0 / MOST_OFF..=MOST_OFF).contains(&ratio) { arrives[k] * ratio } else { arrives[k] }
     };
     Rgb::new(one(0), one(1), one(2))
 }
@@ -175,11 +179,7 @@ mod tests {
         let rgb = Rgb::splat;
         assert_eq!(share(rgb(2.0), rgb(1.5), rgb(1.5)), rgb(2.0));
         assert_eq!(share(rgb(2.0), rgb(0.0), rgb(1.5)), rgb(0.0));
-        for would in [0.5, 9.0, 0.001] {
-            assert_eq!(share(rgb(2.0), rgb(would), rgb(would)), rgb(2.0), "nothing is hidden, so that is all");
-            assert_eq!(share(rgb(2.0), rgb(0.0), rgb(would)), rgb(0.0));
-        }
-        for would in [0.0, f32::NAN] {
+        for would in [0.0, 0.5, 9.0, f32::NAN] {
             assert_eq!(share(rgb(2.0), rgb(0.4), rgb(would)), rgb(0.4));
         }
         assert_eq!(share(Rgb::ZERO, rgb(0.4), rgb(0.4)), rgb(0.4));
