@@ -15,7 +15,8 @@
 //! light, and not 1.08 (16 samples); but where none of a texel's samples has chosen a lamp that is hidden from it, the light of
 //! that is added: NRMSE of two rooms by `production` rose from 0.88 to 1.00 %.
 //!
-//! Limits: emitters that fill the view of near surfaces are up to 8 % too bright by few samples; few surfaces of even emission, and texels that face one way and that no emitter is close to.
+//! Limits: few surfaces of even emission, and texels that face one way and that no emitter is close to. Emitters that fill the
+//! view are up to 8 % too bright by few samples.
 
 use super::look::Look;
 use super::piece::Piece;
