@@ -29,7 +29,7 @@ const PEAKED: f32 = 4.0;
 const MOST: f64 = (1u32 << 17) as f64;
 /// Least and most points per side of the grid at which a piece's texture is read: one for each of its texels between these.
 const TEXTURE_GRID: [u32; 2] = [4, 64];
-/// Readings of all textured triangles together, but for the least of each: a third of a second.
+/// Readings of all textured triangles together, but for the least of each.
 const MOST_READINGS: f64 = (1u32 << 24) as f64;
 /// Brightest over darkest of four pieces up to which they stay one.
 const EVEN: f32 = 1.25;

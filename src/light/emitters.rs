@@ -214,19 +214,23 @@ impl Emitters {
         Some((self.leaf(k), probability))
     }
 
+    /// The pieces of a triangle, with their numbers.
+    fn pieces_of(&self, triangle: u32) -> impl Iterator<Item = (usize, &Piece)> {
+        let first = self.pieces.partition_point(|p| p.triangle < triangle);
+        (first..).zip(self.pieces[first..].iter().take_while(move |p| p.triangle == triangle))
+    }
+
     /// What a ray in a unit direction finds where it meets something solid that glows [cd/m²].
     pub(super) fn glow(&self, scene: &Scene, direction: Vec3, hit: &Hit) -> Rgb {
-        let first = self.pieces.partition_point(|p| p.triangle < hit.triangle);
-        let piece = self.pieces.get(first).filter(|p| p.triangle == hit.triangle && p.solid);
-        piece.map_or(Rgb::ZERO, |piece| piece.toward(scene, direction, hit.b))
+        let piece = self.pieces_of(hit.triangle).next().filter(|(_, piece)| piece.solid);
+        piece.map_or(Rgb::ZERO, |(_, piece)| piece.toward(scene, direction, hit.b))
     }
 
     /// What a ray in a unit direction from a point finds where it meets something solid that glows [cd/m²], and the density
     /// per steradian with which [`Emitters::pick`] and [`Piece::sample`] choose that direction; `None` where nothing glows.
     pub(super) fn met(&self, scene: &Scene, cut: &Cut, point: &Site, direction: Vec3, hit: &Hit) -> Option<(Rgb, f32)> {
-        let first = self.pieces.partition_point(|p| p.triangle < hit.triangle);
-        let own = self.pieces[first..].iter().take_while(|p| p.triangle == hit.triangle);
-        let (k, piece) = (first..).zip(own).max_by(|x, y| x.1.depth(hit.b).total_cmp(&y.1.depth(hit.b)))?;
+        let own = self.pieces_of(hit.triangle);
+        let (k, piece) = own.max_by(|x, y| x.1.depth(hit.b).total_cmp(&y.1.depth(hit.b)))?;
         let probability = self.tree.probability(cut, point, |k, site| self.estimate(k, site), k as u32);
         let (radiance, solid_angle) = piece.seen(scene, point.position, direction, hit.b);
         piece.solid.then(|| (radiance, probability / solid_angle.max(f32::MIN_POSITIVE)))

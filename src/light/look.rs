@@ -5,7 +5,8 @@
 //! at a finite distance is seen from there (`trace::Lift`). Rays that find out whether that is free are not counted.
 //!
 //! Texels close to an emitter look for it in two ways, each with the share of the light that the balance heuristic gives it
-//! (Veach and Guibas, SIGGRAPH 1995, eq. 9): a direction to a chosen piece, and one by cosine, whatever it meets.
+//! (Veach and Guibas, SIGGRAPH 1995, eq. 9): a direction to a chosen piece, and one by cosine, whatever it meets; where it is
+//! seen through an opening ([`openings`](super::openings)), one that goes by the map of that.
 
 use super::Emitters;
 use super::emitters::Leaf;
@@ -268,8 +269,8 @@ impl<'a> Look<'a> {
         Lit { unhidden, ..self.lit(place, s.direction, unhidden * unblocked * share, Rgb::ZERO) }
     }
 
-    /// The share of a ray by cosine in the light of the emitters: where one fills much of the view, its pieces are hard
-    /// to choose well among.
+    /// The share of a ray that looks around in the light of the emitters: where one fills much of the view, its pieces are hard
+    /// to choose well among, and where most of it is hidden, those in sight are.
     fn around(&mut self, place: &Place, cut: &Cut, point: &Site, around: Around<'_>, (pick, u): (f64, Vec2)) -> Lit {
         let direction = around.direction(place, pick as f32, Vec2::new(u.y, u.x + 0.5).fract());
         let Some((cosine, origin)) = self.leave(place, direction) else { return Lit::default() };

@@ -150,7 +150,7 @@ impl Openings {
 }
 
 impl Opening<'_> {
-    /// A direction by the map for a `pick` below [`GUIDED`]; otherwise `None`, and the pick of who chooses else.
+    /// A direction by the map for a `pick` below [`GUIDED`]; otherwise the pick of who chooses else.
     pub(super) fn sample(&self, pick: f32, u: Vec2) -> Result<Vec3, f32> {
         if pick >= GUIDED {
             return Err((pick - GUIDED) / (1.0 - GUIDED));
