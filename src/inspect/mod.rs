@@ -93,13 +93,10 @@ pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
     used.sort_unstable();
     used.dedup();
     let materials: Vec<MaterialFacts> = used.iter().map(|&m| surface::material(&scene, m)).collect();
-    let emission = |material: usize| {
-        let known = used.binary_search(&material).ok().map(|i| materials[i].mean_emission);
-        known.unwrap_or_default().into()
-    };
+    let flux = lights::flux_of_parts(&scene);
     let layouts = atlas::existing_layouts(&scene, &how);
     let parts: Vec<PartFacts> = (layouts.into_iter().enumerate())
-        .map(|(i, layout)| surface::part(&scene, &atlas, i, layout, emission(scene.parts[i].material)))
+        .map(|(i, layout)| surface::part(&scene, &atlas, i, layout, flux[i]))
         .collect();
     Ok(Facts {
         input: input.display().to_string(),

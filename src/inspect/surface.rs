@@ -1,15 +1,15 @@
 //! Parts and materials as light sees them.
 //!
-//! Means over textures are those of [`LOOKS`] spread points over the whole texture, filtered; what coordinates really show of
-//! it is not looked at. Textures that lie alike are looked at in the same points, so that means of products are that;
+//! The flux of a part is that of the pictures where it shows them. Materials have means over whole textures, whatever
+//! coordinates show of them: of emission that of all texels, of others, and of what alpha leaves, that of [`LOOKS`] spread
+//! points, filtered. Textures that lie alike are looked at in the same points, so that means of products are that;
 //! others in points of their own, as if nothing tied them together. Vertex colours, alpha and translucency are left out.
 
 use crate::atlas::{Atlas, NO_CHART};
 use crate::base::Rgb;
 use crate::base::low_discrepancy::Sequence;
-use crate::scene::{Alpha, Material, Scene, Texture, TextureRef};
-use core::f64::consts::PI;
-use glam::{Vec2, Vec4};
+use crate::scene::{Alpha, Material, Picture, Scene, Texture, TextureRef};
+use glam::{DVec3, Vec2, Vec4};
 
 /// Points on a texture.
 const LOOKS: u32 = 4096;
@@ -35,7 +35,7 @@ pub struct PartFacts {
     pub uv: &'static str,
     /// The document's `TEXCOORD_1` as a lightmap layout: `usable`, or what is wrong with it; null where there is none.
     pub existing_uv: Option<String>,
-    /// Flux that it emits, by the mean of its textures [lm]; both sides of a double-sided part.
+    /// Flux that it emits, by all texels that it shows [lm]; both sides of a double-sided part.
     pub flux: [f64; 3],
     /// Factor of the texels per metre, by rules or `extras`.
     pub density: f32,
@@ -70,14 +70,8 @@ pub struct MaterialFacts {
     pub unlit: bool,
 }
 
-/// Facts of a part; `existing_uv` is what the atlas says of its layout, `emission` what its material emits [cd/m²].
-pub(super) fn part(
-    scene: &Scene,
-    atlas: &Atlas,
-    index: usize,
-    existing_uv: Option<String>,
-    emission: Rgb,
-) -> PartFacts {
+/// Facts of a part; `existing_uv` is what the atlas says of its layout, `flux` what it emits [lm].
+pub(super) fn part(scene: &Scene, atlas: &Atlas, index: usize, existing_uv: Option<String>, flux: DVec3) -> PartFacts {
     let (part, charted) = (&scene.parts[index], &atlas.parts[index]);
     let material = &scene.materials[part.material];
     let mut charts: Vec<u32> = charted.charts().filter(|&c| c != NO_CHART).collect();
@@ -89,8 +83,6 @@ pub(super) fn part(
     };
     let in_charts = charted.layout.triangles.iter().zip(charted.charts()).filter(|(_, c)| *c != NO_CHART);
     let area = part.triangles.clone().map(|t| scene.area(t)).fold(0.0, |a, b| a + b);
-    let sides = if material.double_sided { 2.0 } else { 1.0 };
-    let exitance = (emission * part.treatment.emission).as_dvec3() * PI;
     PartFacts {
         node: part.name.clone(),
         mesh: [part.mesh, part.primitive],
@@ -105,7 +97,7 @@ pub(super) fn part(
             (true, false) => "charted",
         },
         existing_uv,
-        flux: (exitance * area * sides).to_array(),
+        flux: flux.to_array(),
         density: part.treatment.density,
         receives: part.receives,
         casts: part.treatment.casts,
@@ -158,6 +150,9 @@ pub(super) fn material(scene: &Scene, index: usize) -> MaterialFacts {
 /// Radiance that a material emits on the mean, of what its alpha leaves of it [cd/m²].
 fn mean_emission(scene: &Scene, material: &Material) -> Rgb {
     let texture = |r: &Option<TextureRef>| r.as_ref().and_then(|r| scene.textures.get(r.texture));
+    if let (Alpha::Opaque, Some(glow)) = (material.alpha, texture(&material.emission_texture)) {
+        return material.emission * Picture::new(glow).mean();
+    }
     let (glow, cover) = (texture(&material.emission_texture), texture(&material.base_color_texture));
     material.emission
         * mean_over(|[x, y, ..]| {

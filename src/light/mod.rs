@@ -33,6 +33,7 @@ mod twice;
 mod unhidden;
 
 pub use direct::{Direct, direct};
+pub use divide::flux_of_parts;
 pub use emitters::{Emitters, Source};
 pub use lost::lost;
 pub use moved::moved;

@@ -10,8 +10,7 @@ use crate::trace::Ground;
 use core::f32::consts::PI;
 use glam::{Vec2, Vec3};
 
-/// Least radiance of a piece for the choice, as a share of the most that it can have: it may glow between the points
-/// where its texture was read.
+/// Least radiance of a piece for the choice, as a share of the most that it can have: its mean may be a little off.
 pub(super) const LEAST: f32 = 1e-2;
 /// Share of the estimate that does not depend on angles, so that nothing in front is left out.
 pub(super) const FLOOR: f32 = 0.05;
@@ -66,7 +65,10 @@ impl Piece {
     /// exceeds [cd/m²]; `None` without area.
     pub(super) fn new(scene: &Scene, triangle: u32, b: [Vec2; 3], mean: Rgb, most: Rgb) -> Option<Self> {
         let corners = b.map(|b| scene.position(triangle, b));
-        let area = (corners[1] - corners[0]).as_dvec3().cross((corners[2] - corners[0]).as_dvec3()).length() * 0.5;
+        // A piece of a thousandth of a triangle has rounded corners; what it is of the whole is exact.
+        let [p0, p1, p2] = scene.corners(triangle);
+        let whole = (p1 - p0).as_dvec3().cross((p2 - p0).as_dvec3()).length() * 0.5;
+        let area = whole * f64::from((b[1] - b[0]).perp_dot(b[2] - b[0]).abs());
         let material = scene.material(triangle);
         let centroid = (corners[0] + corners[1] + corners[2]) / 3.0;
         let radius_squared = corners.map(|c| c.distance_squared(centroid)).into_iter().fold(0.0, f32::max);

@@ -1,129 +1,110 @@
 //! Upper bounds of a texture over triangles of its coordinates.
 //!
-//! In: a [`Texture`]. Out: for three coordinates, a value that no channel of a look-up in their triangle exceeds; 0 only
+//! In: a [`Picture`]. Out: for three coordinates, a value that no channel of a look-up in their triangle exceeds; 0 only
 //! where all of them are black.
 //!
-//! The brightest channel of 4 × 4 texels, then of 2 × 2 of these, and so on; a look-up reads at most 4 × 4 cells for
-//! each of up to four rectangles that the bounds of the triangle become where the texture repeats.
-//!
-//! Limit: bounds of the triangle count, not the triangle, and cells that reach over them: what is black a few texels away
-//! from something bright may be taken for bright.
+//! From a few squares around the triangle down to texels, those that no look-up can read are left out, as are those that
+//! are no brighter than one that lies in it; so what is black up to a texel from the triangle's edges is told from what is
+//! bright beside it. Bounded work: where more than [`MOST_CELLS`] squares are left, their bounds count.
 
-use super::texture::{SRGB_TO_LINEAR, Texture, Wrap};
-use glam::Vec2;
+use super::picture::{Outline, Overlap, Picture};
+use super::texture::{SRGB_TO_LINEAR, Wrap};
+use glam::{DVec2, Vec2};
 
-/// Texels per side of the finest cells.
-const CELL: usize = 4;
-/// Cells per side and rectangle up to which a level is read.
-const MOST_CELLS: usize = 4;
+/// Squares of a level up to which they are looked at.
+const MOST_CELLS: usize = 24;
+/// Repetitions of the picture in a triangle up to which they are looked at.
+const MOST_TILES: i64 = 16;
 /// Rounding of coordinates, as a share of the largest: triangles interpolate theirs in single precision.
 const ROUNDING: f64 = 1e-6;
+/// The same where they are small [texels].
+const LEAST_ROUNDING: f64 = 0.01;
+/// Farther than any coordinate [texels].
+const BEYOND: f64 = 1e18;
 
-/// The brightest channels of a texture's parts.
-#[derive(Debug)]
-pub struct Peaks {
-    size: [usize; 2],
-    wrap: [Wrap; 2],
-    /// From the finest to a single cell.
-    levels: Vec<Level>,
-}
+impl Picture<'_> {
+    /// No channel of [`Texture::sample_srgb`](super::Texture::sample_srgb) in a triangle of coordinates is larger, whatever
+    /// its filter.
+    #[must_use]
+    pub fn most(&self, uvs: [Vec2; 3]) -> f32 {
+        let most = self.most_of(uvs).unwrap_or(self.whole().most);
+        SRGB_TO_LINEAR[usize::from(most)]
+    }
 
-#[derive(Debug)]
-struct Level {
-    width: usize,
-    height: usize,
-    /// Encoded as in the texture, row by row.
-    cells: Vec<u8>,
-}
-
-/// First and last texel of a range.
-type Range = (usize, usize);
-
-impl Level {
-    /// The brightest of `n` × `n` values of a picture, for each of its squares of that size.
-    fn new([width, height]: [usize; 2], n: usize, value: impl Fn(usize, usize) -> u8) -> Self {
-        let mut level = Self { width: width.div_ceil(n), height: height.div_ceil(n), cells: vec![] };
-        level.cells.resize(level.width * level.height, 0);
-        for y in 0..height {
-            let row = &mut level.cells[y / n * level.width..][..level.width];
-            for x in 0..width {
-                row[x / n] = row[x / n].max(value(x, y));
+    /// `None` where the triangle has too much of it.
+    fn most_of(&self, uvs: [Vec2; 3]) -> Option<u8> {
+        let corners = self.in_texels(uvs);
+        let far = uvs.iter().fold(Vec2::ZERO, |far, uv| far.max(uv.abs()));
+        if !uvs.iter().all(|uv| uv.is_finite()) || far.max_element() > 1e9 {
+            return None;
+        }
+        let reach = if self.texture.nearest { 0.0 } else { 0.5 };
+        let size = DVec2::from_array(self.size().map(|n| n as f64));
+        let margin = reach + LEAST_ROUNDING + ROUNDING * far.as_dvec2() * size;
+        let Outline { low, high, .. } = Outline::new(corners);
+        let tiles = [0, 1].map(|axis| match self.texture.wrap[axis] {
+            Wrap::Clamp => (0, 0),
+            _ => {
+                let tile = |v: f64| (v / size[axis]).floor() as i64;
+                (tile(low[axis] - margin[axis]), tile(high[axis] + margin[axis]))
+            }
+        });
+        if tiles.iter().map(|(a, b)| b - a + 1).fold(1i64, i64::saturating_mul) > MOST_TILES {
+            return None;
+        }
+        let mut most = 0;
+        for y in tiles[1].0..=tiles[1].1 {
+            for x in tiles[0].0..=tiles[0].1 {
+                let own = corners.map(|c| DVec2::new(self.fold(0, x, c.x), self.fold(1, y, c.y)));
+                most = self.most_in_tile(&Outline::new(own), margin, most);
             }
         }
-        level
+        Some(most)
     }
 
-    fn coarser(&self) -> Self {
-        Self::new([self.width, self.height], 2, |x, y| self.cells[y * self.width + x])
-    }
-}
-
-impl Peaks {
-    /// Bounds of a texture, a fifteenth of its memory.
-    #[must_use]
-    pub fn new(texture: &Texture) -> Self {
-        let size = [texture.width as usize, texture.height as usize];
-        let brightest = |p: [u8; 4]| p[0].max(p[1]).max(p[2]);
-        let mut levels = vec![Level::new(size, CELL, |x, y| brightest(texture.pixels[y * size[0] + x]))];
-        while let Some(last) = levels.last().filter(|l| l.cells.len() > 1) {
-            levels.push(last.coarser());
-        }
-        Self { size, wrap: texture.wrap, levels }
-    }
-
-    /// No channel of [`Texture::sample_srgb`] in a triangle of coordinates is larger, whatever its filter.
-    #[must_use]
-    pub fn most(&self, triangle: [Vec2; 3]) -> f32 {
-        let [columns, rows] = [0, 1].map(|axis| self.read(axis, triangle.map(|t| f64::from(t[axis]))));
-        let all = columns.iter().flatten().flat_map(|&c| rows.iter().flatten().map(move |&r| self.brightest(c, r)));
-        SRGB_TO_LINEAR[usize::from(all.fold(0, u8::max))]
-    }
-
-    /// Texels that look-ups between coordinates on an axis may read.
-    fn read(&self, axis: usize, t: [f64; 3]) -> [Option<Range>; 2] {
-        let size = self.size[axis] as i64;
-        let (low, high) = t.iter().fold((f64::MAX, f64::MIN), |(l, h), &v| (l.min(v), h.max(v)));
-        let margin = 1.0 + ROUNDING * low.abs().max(high.abs()) * size as f64;
-        let first = (low * size as f64 - 0.5 - margin).floor();
-        let last = (high * size as f64 - 0.5 + margin).floor() + 1.0;
-        let all = [Some((0, size as usize - 1)), None];
-        if !t.iter().all(|t| t.is_finite()) || last - first >= size as f64 || first.abs() > 1e15 {
-            return all;
-        }
-        let (first, last) = (first as i64, last as i64);
-        let [a, b] = [first, last].map(|i| self.fold(axis, i));
-        let is_split = first.div_euclid(size) != last.div_euclid(size);
-        match self.wrap[axis] {
-            Wrap::Repeat if is_split => [Some((0, b)), Some((a, size as usize - 1))],
-            // Turning back at one end, both sides of it show the same texels.
-            Wrap::Mirror if is_split && last.div_euclid(size) % 2 == 0 => [Some((0, a.max(b))), None],
-            Wrap::Mirror if is_split => [Some((a.min(b), size as usize - 1)), None],
-            _ => [Some((a.min(b), a.max(b))), None],
+    /// A coordinate in texels on an axis, as one of the picture that stands for a tile.
+    fn fold(&self, axis: usize, tile: i64, v: f64) -> f64 {
+        let size = self.size()[axis] as f64;
+        match self.texture.wrap[axis] {
+            Wrap::Clamp => v,
+            Wrap::Mirror if tile.rem_euclid(2) == 1 => (tile + 1) as f64 * size - v,
+            Wrap::Mirror | Wrap::Repeat => v - tile as f64 * size,
         }
     }
 
-    /// The texel that stands for one on an endless axis.
-    fn fold(&self, axis: usize, i: i64) -> usize {
-        let size = self.size[axis] as i64;
-        let (tile, inside) = (i.div_euclid(size), i.rem_euclid(size));
-        let folded = match self.wrap[axis] {
-            Wrap::Clamp => i.clamp(0, size - 1),
-            Wrap::Mirror if tile.rem_euclid(2) == 1 => size - 1 - inside,
-            Wrap::Mirror | Wrap::Repeat => inside,
-        };
-        folded as usize
-    }
-
-    /// The brightest channel of a rectangle of texels, or of a little more.
-    fn brightest(&self, columns: Range, rows: Range) -> u8 {
-        let cells = |(first, last): Range, level: usize| ((first / CELL) >> level, (last / CELL) >> level);
-        let few = |range: Range, level: usize| cells(range, level).1 - cells(range, level).0 < MOST_CELLS;
-        let fits = |&l: &usize| few(columns, l) && few(rows, l);
-        let level = (0..self.levels.len()).find(fits).unwrap_or(self.levels.len() - 1);
-        let (c, r) = (cells(columns, level), cells(rows, level));
-        let Level { width, cells, .. } = &self.levels[level];
-        let rows = (r.0..=r.1).map(|y| &cells[y * width..][c.0..=c.1]);
-        rows.flatten().copied().fold(0, u8::max)
+    /// The brightest of what look-ups so far from a triangle may read of one tile, or what is known to be.
+    fn most_in_tile(&self, outline: &Outline, margin: DVec2, mut known: u8) -> u8 {
+        let size = DVec2::from_array(self.size().map(|n| n as f64));
+        // The border of what is not repeated stands for all beyond it.
+        let held = DVec2::from_array(self.texture.wrap.map(|w| if w == Wrap::Clamp { BEYOND } else { 0.0 }));
+        let hold = |v: DVec2| DVec2::select(held.cmpgt(DVec2::ZERO), v.clamp(DVec2::ZERO, size - 0.5), v);
+        let (mut level, mut cells) = self.cover(hold(outline.low - margin), hold(outline.high + margin));
+        loop {
+            let mut next = vec![];
+            let mut unsure = 0;
+            for &place in &cells {
+                let most = self.brightest(level, place);
+                if most <= known {
+                    continue;
+                }
+                let [low, high] = self.bounds(level, place);
+                let first = low - DVec2::select(low.cmple(DVec2::ZERO), held, DVec2::ZERO);
+                let last = high + DVec2::select(high.cmpge(size), held, DVec2::ZERO);
+                if outline.overlap(first - margin, last + margin) == Overlap::Outside {
+                    continue;
+                }
+                if level == 0 || outline.overlap(low, high) == Overlap::Inside {
+                    known = known.max(most);
+                } else {
+                    unsure = unsure.max(most);
+                    next.extend(self.quarters(level, place));
+                }
+            }
+            if next.is_empty() || next.len() > MOST_CELLS {
+                return known.max(unsure);
+            }
+            (level, cells) = (level - 1, next);
+        }
     }
 }
 
@@ -132,6 +113,7 @@ mod tests {
     use super::*;
     use crate::base::random::{Stage, Stream};
     use crate::base::warp;
+    use crate::scene::Texture;
 
     const WRAPS: [Wrap; 3] = [Wrap::Repeat, Wrap::Mirror, Wrap::Clamp];
 
@@ -157,12 +139,12 @@ mod tests {
         let (mut black, mut tight) = (0, 0);
         for k in 0..4_000 {
             let texture = lamps(&mut stream, k % 2 == 0);
-            let peaks = Peaks::new(&texture);
+            let picture = Picture::new(&texture);
             let at = Vec2::new(stream.next_f32(), stream.next_f32()) * 8.0 - 4.0;
             let reach = [0.02, 0.3, 3.0][k % 3];
             let corner = |s: &mut Stream| at + (Vec2::new(s.next_f32(), s.next_f32()) - 0.5) * reach;
             let triangle = [corner(&mut stream), corner(&mut stream), corner(&mut stream)];
-            let most = peaks.most(triangle);
+            let most = picture.most(triangle);
             let mut found = 0.0f32;
             for _ in 0..200 {
                 let b = warp::square_to_triangle(Vec2::new(stream.next_f32(), stream.next_f32()));
@@ -181,11 +163,11 @@ mod tests {
     fn what_is_not_finite_or_spans_all_has_the_bound_of_the_whole() {
         let pixels = (0..1024u32).map(|k| [(k / 32) as u8 * 8, 0, 0, 255]).collect();
         let texture = Texture { width: 32, height: 32, pixels, wrap: [Wrap::Repeat; 2], nearest: true };
-        let peaks = Peaks::new(&texture);
+        let picture = Picture::new(&texture);
         let whole = SRGB_TO_LINEAR[31 * 8];
         for far in [f32::NAN, f32::INFINITY, f32::MAX, 1e12, 5.0] {
-            assert_eq!(peaks.most([Vec2::ZERO, Vec2::splat(far), Vec2::ZERO]), whole, "{far}");
+            assert_eq!(picture.most([Vec2::ZERO, Vec2::splat(far), Vec2::ZERO]), whole, "{far}");
         }
-        assert!(peaks.most([Vec2::splat(0.3); 3]) <= SRGB_TO_LINEAR[15 * 8]);
+        assert!(picture.most([Vec2::splat(0.3); 3]) <= SRGB_TO_LINEAR[15 * 8]);
     }
 }

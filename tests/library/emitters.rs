@@ -227,3 +227,38 @@ fn a_small_lamp_in_a_large_black_picture_has_all_of_its_light() {
     }
     assert!((sum / expected - 1.0).abs() < 0.03, "{} of the light", sum / expected);
 }
+
+/// The light of a lamp of one texel, by either filter, in pictures of any size; and no more noise than that of a lamp of
+/// geometry has with a choice or two more.
+#[test]
+fn a_lamp_of_one_texel_in_a_large_black_picture_has_all_of_its_light() {
+    for (side, nearest) in [(256usize, true), (256, false), (2048, true), (2048, false)] {
+        let mut scene = textured(|_| false);
+        let (column, row) = (side * 2 / 5 + 1, side * 13 / 20 + 1);
+        let pixel = |i: usize| if i == row * side + column { [255; 4] } else { [0, 0, 0, 255] };
+        let pixels = (0..side * side).map(pixel).collect();
+        let size = side as u32;
+        scene.textures[0] = Texture { width: size, height: size, pixels, wrap: [Wrap::Repeat; 2], nearest };
+        let area = (2.0 / side as f64).powi(2);
+        scene.materials[1].emission = Rgb::splat(1.0 / area as f32);
+        let stage = Stage::new(&scene, 4.0);
+        let by_pieces = f64::from(stage.emitters.flux().x) / core::f64::consts::PI;
+        assert!((by_pieces - 1.0).abs() < 0.02, "{side}: {by_pieces} of the flux");
+        let by_part = texelwalk::light::flux_of_parts(&scene)[1].x / core::f64::consts::PI;
+        assert!((by_part - 1.0).abs() < 1e-4, "{side}: {by_part} of the flux of the part");
+        let halves = stage.direct_halves(32, 1).halves;
+        let lamp = Vec2::new(column as f32 + 0.5, row as f32 + 0.5) * (2.0 / side as f32);
+        let (mut sum, mut expected, mut apart, mut count) = (0.0, 0.0, 0.0, 0.0);
+        for i in (0..stage.patches.front).filter(|&i| stage.patches.normal[i].y > 0.9) {
+            let to = Vec3::new(lamp.x, 1.0, lamp.y) - stage.patches.position[i];
+            let [a, b] = [0, 1].map(|half| f64::from(halves[half][i].x));
+            sum += 0.5 * (a + b);
+            apart += (a - b).powi(2);
+            count += 1.0;
+            expected += f64::from(to.y * to.y / to.length_squared().powi(2));
+        }
+        assert!((sum / expected - 1.0).abs() < 0.02, "{side}, {nearest}: {} of the light", sum / expected);
+        let apart = (apart / count).sqrt() / (expected / count);
+        assert!(apart < 0.25, "{side}, {nearest}: halves apart by {apart}");
+    }
+}
