@@ -158,7 +158,8 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     warnings.extend(charted.warnings);
     let lights = light::moved(&tracer);
     let unsaid = scene.missing_materials().into_iter().chain(scene.metals_by_default());
-    warnings.extend(unsaid.chain(scene.nothing_lit()).chain(light::lost(&tracer, &lights)));
+    let unsaid = unsaid.chain(scene.nothing_lit()).chain(scene.coarse_coordinates(atlas.texels_per_meter));
+    warnings.extend(unsaid.chain(light::lost(&tracer, &lights)));
     admit(&scene, &atlas, settings)?;
     let groups = groups::groups(&scene, &lights, settings.light_groups);
     let group_names: Vec<&str> = groups.iter().map(|group| group.name.as_str()).collect();

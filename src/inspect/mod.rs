@@ -123,6 +123,7 @@ pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
             .chain(scene.missing_materials())
             .chain(scene.metals_by_default())
             .chain(scene.nothing_lit())
+            .chain(scene.coarse_coordinates(atlas.texels_per_meter))
             .chain(lights::lost(&tracer, &lights::moved(&tracer)))
             .collect(),
     })

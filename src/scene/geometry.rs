@@ -19,6 +19,7 @@ use super::Vertices;
 use super::copies;
 use super::copies::Copies;
 use super::copies::Placement;
+use super::far;
 use super::footprint::Footprint;
 use super::load::SHARE_FROM;
 use super::nodes::Placed;
@@ -48,10 +49,6 @@ const MAX_COORDINATE: f32 = 1e7;
 
 /// Triangles from which on a primitive is worth a hierarchy of its own.
 const LEAST_SHARED: usize = 32;
-
-/// Distance from the world's origin [m] from which on a scene is moved there. Nearer, f32 resolves a quarter of a
-/// millimetre; and what lies beyond [`MAX_COORDINATE`] stays, to be refused.
-const FAR: f64 = 4096.0;
 
 /// All surfaces of a scene.
 #[derive(Debug, Default)]
@@ -129,7 +126,8 @@ pub(super) fn read(
         warnings.append(&mut local.warnings);
         locals.push(local);
     }
-    let offset = offset(&plans, &locals, walk);
+    let placed = plans.iter().map(|plan| (plan.source, walk.worlds[plan.placed.node]));
+    let offset = far::offset(placed, &locals, MAX_COORDINATE);
     walk.move_by(-offset);
     let joints = document.root.skins.iter().enumerate().map(|(skin, _)| {
         let used = plans.iter().any(|p| document.root.nodes[p.placed.node].skin == Some(skin));
@@ -245,18 +243,6 @@ fn check_range(
     Err(Error::invalid(format!(
         "{name}, placed by node {node}: vertex {v} is at {position}, beyond the limit of {MAX_COORDINATE:e} m"
     )))
-}
-
-/// About the middle of what lies far away, in whole metres: the mean of the first vertices of all parts.
-fn offset(plans: &[Plan], locals: &[LocalPrimitive], walk: &Walk) -> DVec3 {
-    let first = |plan: &Plan| {
-        let vertex = locals[plan.source].position.first()?;
-        Some(walk.worlds[plan.placed.node].transform_point3(vertex.as_dvec3()))
-    };
-    let (sum, count) = plans.iter().filter_map(first).fold((DVec3::ZERO, 0.0), |(s, n), p| (s + p, n + 1.0));
-    let middle = (sum / f64::max(count, 1.0)).round();
-    let size = middle.abs().max_element();
-    if size > FAR && size <= f64::from(MAX_COORDINATE) { middle } else { DVec3::ZERO }
 }
 
 /// The parts and the distinct primitives behind them, with all sizes checked.

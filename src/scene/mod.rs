@@ -12,7 +12,7 @@
 //! capped: `accessor.rs`, `geometry.rs`, `images.rs`).
 //!
 //! Codes of warnings: `animated-node`, `bad-alpha-mode`, `bad-camera`, `bad-color`, `bad-extras`, `bad-light`,
-//! `bad-light-group`, `bad-normals`, `bad-sampler`, `bad-texcoord`, `byte-order-mark`, `dark-emitter`, `deforming-mesh`,
+//! `bad-light-group`, `bad-normals`, `bad-sampler`, `bad-texcoord`, `byte-order-mark`, `coarse-coordinates`, `dark-emitter`, `deforming-mesh`,
 //! `factor-out-of-range`, `ies-tilt`, `incomplete-triangle`, `lod-levels`, `missing-texcoord`, `no-positions`,
 //! `no-triangles`, `not-a-root`, `not-triangles`, `trailing-bytes`, `unsupported-extension`, `unused-rule`.
 
@@ -31,6 +31,7 @@ mod equal;
 mod error;
 mod extensions;
 mod extras;
+mod far;
 mod footprint;
 mod geometry;
 mod group;
