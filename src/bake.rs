@@ -241,7 +241,9 @@ fn load(input: &Path, settings: &Settings) -> Result<Warned<Scene>, scene::Error
     loaded.warnings.extend(treated::warning(&loaded.output, settings));
     if let Some(path) = &settings.environment {
         let (factor, rotation) = (settings.environment_intensity, settings.environment_rotation.to_radians());
-        loaded.output.environment = Some(scene::Environment::load(path, factor, rotation)?);
+        let map = scene::Environment::load(path, factor, rotation)?;
+        loaded.output.environment = Some(map.output);
+        loaded.warnings.extend(map.warnings);
         loaded.output.document.files_read.push(path.clone());
     }
     Ok(loaded)

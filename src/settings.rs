@@ -502,7 +502,7 @@ impl Options {
             scene: self.scene,
             variant: self.variant.clone(),
             sky: [zenith, horizon, self.sky_ground.unwrap_or(horizon)],
-            sun_angle: self.sun_angle.map(|a| within("--sun-angle", a, 0.0, 90.0)).transpose()?,
+            sun_angle: self.sun_angle.map(|a| within("--sun-angle", a, 0.0, 60.0)).transpose()?,
             light_radius: self.light_radius.map(|r| within("--light-radius", r, 0.0, 1e6)).transpose()?,
             environment: self.environment.clone(),
             environment_intensity: within(

@@ -8,13 +8,14 @@
 //! the left and right borders toward −x. A positive rotation turns the map counter-clockwise as seen from above: by 90°
 //! what was at +x comes to −z.
 //!
-//! Negative values, which filters leave in EXR files, count as 0. Not-a-number and infinity are errors.
+//! Negative values, which filters leave in EXR files, count as 0, with a warning (`negative-environment`). Not-a-number
+//! and infinity are errors. An EXR whose only colour is `Y` is grey.
 //!
 //! Bounds, checked before anything is decoded: [`MAX_PIXELS`], [`PIXELS_PER_BYTE`].
 
 use super::Error;
 use crate::base::exr_tiles::has_sound_tiles;
-use crate::base::{Rgb, parallel};
+use crate::base::{Rgb, Warned, Warning, parallel};
 use core::f32::consts::{PI, TAU};
 use glam::{Vec2, Vec3};
 use image::codecs::hdr::HdrDecoder;
@@ -49,16 +50,18 @@ impl Environment {
         usable.then_some(Self { width, height, pixels, turns: rotation / TAU })
     }
 
-    /// Reads a file; radiances are its values times `factor` [cd/m²].
+    /// Reads a file; radiances are its values times `factor` [cd/m²]. Warns of negative ones.
     ///
     /// # Errors
     /// The file cannot be read, is neither HDR nor EXR, is broken, or is too large.
-    pub fn load(path: &Path, factor: f32, rotation: f32) -> Result<Self, Error> {
+    pub fn load(path: &Path, factor: f32, rotation: f32) -> Result<Warned<Self>, Error> {
         let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
         let read = if bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01]) { read_exr(&bytes) } else { read_hdr(&bytes) };
         let map = read.and_then(|(width, height, pixels)| {
             let scaled = parallel::map(pixels.len(), |i| pixels[i] * factor);
+            let warnings = negative(&pixels).into_iter().collect();
             Self::new(width, height, scaled, rotation)
+                .map(|output| Warned { output, warnings })
                 .ok_or_else(|| Error::invalid("environment map: it has no pixels, or values that are not finite"))
         });
         map.map_err(|e| e.in_file(path))
@@ -123,6 +126,19 @@ impl Environment {
 
 type Picture = (u32, u32, Vec<Rgb>);
 
+fn negative(pixels: &[Rgb]) -> Option<Warning> {
+    let is_negative = |p: &&Rgb| p.min_element() < 0.0;
+    let least = pixels.iter().map(|p| p.min_element()).fold(0.0, f32::min);
+    let count = pixels.iter().filter(is_negative).count();
+    let what = || {
+        format!(
+            "environment map: {count} of {} pixels have negative values, down to {least}; these count as 0",
+            pixels.len()
+        )
+    };
+    (count > 0).then(|| Warning::new("negative-environment", what()))
+}
+
 fn check_size(width: u64, height: u64, bytes: usize) -> Result<(), Error> {
     if width.saturating_mul(height) > MAX_PIXELS {
         let what =
@@ -148,8 +164,21 @@ fn read_hdr(bytes: &[u8]) -> Result<Picture, Error> {
     Ok((width, height, image.into_raw().as_chunks().0.iter().map(|&p| Rgb::from_array(p)).collect()))
 }
 
+/// The width of a picture, and its pixels.
+type Rows = (usize, Vec<Rgb>);
+
+fn blank(size: exr::math::Vec2<usize>) -> Rows {
+    (size.width(), vec![Rgb::ZERO; size.area()])
+}
+
+fn put((width, pixels): &mut Rows, at: exr::math::Vec2<usize>, value: Rgb) {
+    if let Some(pixel) = pixels.get_mut(at.y() * *width + at.x()) {
+        *pixel = value;
+    }
+}
+
 fn read_exr(bytes: &[u8]) -> Result<Picture, Error> {
-    use exr::prelude::{ReadChannels, ReadLayers};
+    use exr::prelude::{ReadChannels, ReadLayers, ReadSpecificChannel};
     let broken =
         |e: exr::error::Error| Error::invalid(format!("environment map: it cannot be read as an EXR picture: {e}"));
     let meta = exr::meta::MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(broken)?;
@@ -160,23 +189,25 @@ fn read_exr(bytes: &[u8]) -> Result<Picture, Error> {
             return Err(Error::invalid(what));
         }
     }
-    let image = exr::prelude::read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .rgb_channels(
-            |size, _| (size.width(), vec![Rgb::ZERO; size.area()]),
-            |(width, pixels), at, (r, g, b): (f32, f32, f32)| {
-                if let Some(pixel) = pixels.get_mut(at.y() * *width + at.x()) {
-                    *pixel = Rgb::new(r, g, b);
-                }
-            },
-        )
-        .first_valid_layer()
-        .all_attributes()
-        .from_buffered(Cursor::new(bytes))
-        .map_err(broken)?;
-    let size = image.layer_data.size;
-    Ok((size.width() as u32, size.height() as u32, image.layer_data.channel_data.pixels.1))
+    let has = |name: &str| {
+        let channels = meta.headers.iter().flat_map(|header| &header.channels.list);
+        channels.map(|channel| channel.name.to_string()).any(|own| own == name)
+    };
+    let is_grey = has("Y") && !["R", "G", "B", "RY", "BY"].into_iter().any(has);
+    let read = exr::prelude::read().no_deep_data().largest_resolution_level();
+    let (size, pixels) = if is_grey {
+        let create = |size, _: &_| blank(size);
+        let set = |map: &mut _, at, (y,): (f32,)| put(map, at, Rgb::splat(y));
+        let read = read.specific_channels().required("Y").collect_pixels(create, set);
+        let layer = read.first_valid_layer().all_attributes().from_buffered(Cursor::new(bytes)).map_err(broken)?;
+        (layer.layer_data.size, layer.layer_data.channel_data.pixels.1)
+    } else {
+        let set = |map: &mut _, at, (r, g, b): (f32, f32, f32)| put(map, at, Rgb::new(r, g, b));
+        let read = read.rgb_channels(|size, _| blank(size), set);
+        let layer = read.first_valid_layer().all_attributes().from_buffered(Cursor::new(bytes)).map_err(broken)?;
+        (layer.layer_data.size, layer.layer_data.channel_data.pixels.1)
+    };
+    Ok((size.width() as u32, size.height() as u32, pixels))
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 //!
 //! Defaults of the extension: white, intensity 1, no range, cone 0 to π/4. A node's scale changes neither intensity nor
 //! range. Beyond the extension, `extras` of a light may hold `radius` [m] for point and spot lights, and `angle` [rad],
-//! the angular diameter, for directional ones.
+//! the angular diameter, for directional ones, up to [`MOST_ANGLE`].
 
 use super::Error;
 use super::Light;
@@ -18,6 +18,9 @@ use crate::base::Warning;
 use core::f32::consts::FRAC_PI_2;
 use glam::{DMat4, Mat3};
 use std::sync::Arc;
+
+/// Largest angular diameter of a sun [rad], 60°: what is larger is a sky.
+const MOST_ANGLE: f32 = core::f32::consts::FRAC_PI_3;
 
 /// All lights of the visible nodes, in document order.
 #[derive(Default)]
@@ -151,7 +154,7 @@ fn convert(
         value
     };
     let radius = sizes[1].or_else(|| extra("radius", f32::MAX)).unwrap_or(0.0);
-    let angle = sizes[0].or_else(|| extra("angle", core::f32::consts::PI)).unwrap_or(0.0);
+    let angle = sizes[0].or_else(|| extra("angle", MOST_ANGLE)).unwrap_or(0.0);
     let range = match entry.range {
         Some(range) if range > 0.0 => range,
         Some(range) => {
@@ -176,6 +179,10 @@ fn convert(
         "spot" => {
             let outer = entry.spot.outer_cone_angle.clamp(0.0, FRAC_PI_2);
             let inner = entry.spot.inner_cone_angle.clamp(0.0, outer);
+            if outer == 0.0 {
+                odd("its outerConeAngle is 0 or less, so it lights nothing; it was left out".to_owned());
+                return None;
+            }
             if outer != entry.spot.outer_cone_angle || inner != entry.spot.inner_cone_angle {
                 odd("its cone angles do not satisfy 0 ≤ inner ≤ outer ≤ π/2; they were clamped".to_owned());
             }

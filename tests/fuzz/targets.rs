@@ -170,7 +170,7 @@ fn changed_picture(samples: &Samples, random: &mut Random) -> (std::path::PathBu
 fn environment(samples: &Samples, random: &mut Random) -> Outcome {
     let (path, bytes) = changed_picture(samples, random);
     let map = Environment::load(&path, 2.0, 1.0);
-    if let Ok(map) = &map {
+    if let Ok(map) = map.as_ref().map(|map| &map.output) {
         let [width, height] = map.size();
         assert!(width > 0 && height > 0);
         for toward in [glam::Vec3::X, glam::Vec3::NEG_Y, glam::Vec3::new(0.6, 0.0, -0.8)] {

@@ -432,13 +432,34 @@ fn both_formats_give_the_same_light() {
     let folder = tempfile::tempdir().unwrap();
     let (a, b) = (folder.path().join("a.hdr"), folder.path().join("b.exr"));
     std::fs::write(&a, hdr()).unwrap();
-    let first = Environment::load(&a, 1.0, 0.0).unwrap();
+    let first = Environment::load(&a, 1.0, 0.0).unwrap().output;
     assert!((first.pixel(0, 0).x - 1.0).abs() < 0.01, "{}", first.pixel(0, 0));
     let pixel = |x: usize, y: usize| (first.pixel(x, y).x, first.pixel(x, y).y, first.pixel(x, y).z);
     exr::prelude::write_rgb_file(&b, 8, 4, pixel).unwrap();
-    assert_eq!(Environment::load(&b, 1.0, 0.0).unwrap(), first);
-    let half = Environment::load(&b, 0.5, 0.0).unwrap();
+    assert_eq!(Environment::load(&b, 1.0, 0.0).unwrap().output, first);
+    let half = Environment::load(&b, 0.5, 0.0).unwrap().output;
     assert_eq!(half.pixel(5, 3) * 2.0, first.pixel(5, 3));
+}
+
+#[test]
+fn a_map_of_luminance_is_grey_and_negative_values_are_told_once() {
+    use exr::prelude::{SpecificChannels, Vec2 as Place, WritableImage};
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("grey.exr");
+    let write = |name: &str, value: &(dyn Fn(usize, usize) -> f32 + Sync)| {
+        let channels = SpecificChannels::build().with_channel(name);
+        let channels = channels.with_pixel_fn(|at: Place<usize>| (value(at.x(), at.y()),));
+        exr::prelude::Image::from_channels((8, 4), channels).write().to_file(&path).unwrap();
+        Environment::load(&path, 2.0, 0.0)
+    };
+    let grey = write("Y", &|x, y| (x + 8 * y) as f32).unwrap();
+    assert!(grey.warnings.is_empty());
+    assert_eq!(grey.output.pixel(5, 3), Rgb::splat(58.0));
+    let odd = write("Y", &|x, _| if x < 2 { -0.5 } else { 1.0 }).unwrap();
+    assert_eq!([odd.output.pixel(0, 0), odd.output.pixel(2, 0)], [Rgb::ZERO, Rgb::splat(2.0)]);
+    let told: Vec<(&str, &str)> = odd.warnings.iter().map(|w| (w.code, w.message.as_str())).collect();
+    assert!(matches!(told[..], [("negative-environment", text)] if text.contains("8 of 32")), "{told:?}");
+    assert!(write("Z", &|_, _| 1.0).is_err());
 }
 
 #[test]

@@ -290,21 +290,22 @@ fn odd_lights_are_reported() {
     let mut b = Builder::triangle();
     b.json["extensions"] = json!({"KHR_lights_punctual": {"lights": [
         {"type": "point", "intensity": -5}, {"type": "tube"}, {"type": "spot", "spot": {"innerConeAngle": 3, "outerConeAngle": 2}},
-        {"type": "point", "range": 0, "extras": {"radius": "big"}}
+        {"type": "point", "range": 0, "extras": {"radius": "big"}}, {"type": "spot", "spot": {"outerConeAngle": 0}},
+        {"type": "directional", "extras": {"angle": 1.05}}
     ]}});
-    for i in 0..4 {
+    for i in 0..6 {
         b.push("nodes", json!({"extensions": {"KHR_lights_punctual": {"light": i}}}));
     }
     let loaded = load_with(&b, &NONE);
-    assert_eq!(loaded.warnings.len(), 5);
+    assert_eq!(loaded.warnings.len(), 7);
     assert!(loaded.warnings.iter().all(|w| w.code == "bad-light" && w.node.is_some()));
-    let [Light::Spot { cos_inner, cos_outer, .. }, Light::Point { range, radius, .. }] =
+    let [Light::Spot { cos_inner, cos_outer, .. }, Light::Point { range, radius, .. }, Light::Sun { angle, .. }] =
         loaded.output.lights.as_slice()
     else {
         panic!("{:?}", loaded.output.lights)
     };
     assert!(cos_outer.abs() < 1e-6 && cos_inner == cos_outer);
-    assert_eq!((*range, *radius), (f32::INFINITY, 0.0));
+    assert_eq!((*range, *radius, *angle), (f32::INFINITY, 0.0, 0.0));
 }
 
 #[test]
