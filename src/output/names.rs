@@ -29,11 +29,12 @@ pub struct PageFiles {
 }
 
 /// The glTF file that `-o` asks for: `output` itself, or the input's name in it if it is a folder (it exists, or ends
-/// in a separator).
+/// in a separator, or has no extension).
 #[must_use]
 pub fn document_path(input: &Path, output: &Path) -> PathBuf {
     let text = output.as_os_str().as_encoded_bytes();
     let folder = output.is_dir() || text.last().is_some_and(|&b| b == b'/' || (cfg!(windows) && b == b'\\'));
+    let folder = folder || output.extension().is_none();
     if folder { output.join(input.file_name().unwrap_or_default()) } else { output.to_path_buf() }
 }
 
@@ -229,6 +230,8 @@ mod tests {
             Path::new("no-such-folder/a.gltf")
         );
         assert_eq!(document_path(Path::new("in/a.gltf"), Path::new("b.glb")), Path::new("b.glb"));
+        assert_eq!(document_path(Path::new("in/a.gltf"), Path::new("b.vrm")), Path::new("b.vrm"));
+        assert_eq!(document_path(Path::new("in/a.gltf"), Path::new("no/such")), Path::new("no/such/a.gltf"));
         assert_eq!(page_files(Path::new("a.glb"), 2)[1].png, Path::new("a.lightmap1.png"));
     }
 

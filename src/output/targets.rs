@@ -4,7 +4,8 @@
 //! Refused are:
 //! * what is there and is no regular file, after links: a folder, a device, a pipe, a socket. Files are put in place by
 //!   renaming others, which would replace it;
-//! * a file that is read, under whatever name (links, hard links, `..`), and one that is named twice;
+//! * a file that is read, under whatever name (links, hard links, `..`), one that is named twice, and one that is the folder of
+//!   another;
 //! * what lies below a file, or in a folder where nothing can be made. That is tried with a file without a name.
 //!
 //! A link stays: [`followed`] is where it leads, which may be missing.
@@ -46,7 +47,17 @@ pub fn check(files: &[&Path], inputs: &[PathBuf]) -> Result<(), Error> {
         }
         named.extend(keys);
     }
-    Ok(())
+    files.iter().try_for_each(|path| check_above(path, &named))
+}
+
+/// None of what is `named` is a folder that `path` lies in.
+fn check_above(path: &Path, named: &BTreeSet<Key>) -> Result<(), Error> {
+    let is_named = |folder: &&Path| keys(folder).iter().any(|key| named.contains(key));
+    let Some(folder) = path.ancestors().skip(1).take_while(|f| !f.as_os_str().is_empty()).find(is_named) else {
+        return Ok(());
+    };
+    let message = format!("is the folder of another output, {}; name a file", path.display());
+    Err(Error::invalid(folder, message))
 }
 
 /// Checks that files can be made in the folders of all `files`, which may still be missing.
@@ -195,6 +206,8 @@ mod tests {
         std::fs::write(at("file"), "x").unwrap();
         check_folders(&[&at("new/deep/a"), &at("b")]).unwrap();
         check(&[&at("new/deep/a"), &at("file")], &[]).unwrap();
+        let above = check(&[&at("new"), &at("new/deep/a")], &[]).unwrap_err().to_string();
+        assert!(above.contains("new: is the folder of another output"), "{above}");
         for below in ["file/a", "file/new/a"] {
             assert!(matches!(check_folders(&[&at(below)]), Err(Error::Io { .. })), "{below}");
         }
