@@ -23,7 +23,10 @@ use crate::scene::{Environment, Scene};
 use core::f32::consts::PI;
 use glam::{Vec2, Vec3};
 
-/// Least share of the map's light that its excess must have for it to be sampled.
+/// Share of the map's light up to which its excess is none: what rounding leaves of an even map.
+const NONE: f32 = 1e-3;
+/// Least share of the samples for any more than that. Of a sun with 4.5 % of the light of an even map, near the zenith, a floor
+/// has 16 % of its light; without samples of its own it was lost, and its shadows with it.
 const LEAST: f32 = 0.05;
 /// Most of the samples that go by the map: cosine alone reaches everything.
 const MOST: f32 = 0.9;
@@ -48,7 +51,7 @@ impl Infinity {
         let excess = |x: usize, y: usize| (luminance(map.pixel(x, y)) - mean).max(0.0) * solid_angles[y];
         let grid = Grid::new(width, height, excess);
         let share = if total > 0.0 { grid.total() / total } else { 0.0 };
-        let share = if share < LEAST { 0.0 } else { share.min(MOST) };
+        let share = if share < NONE { 0.0 } else { share.clamp(LEAST, MOST) };
         Self { grid, share, black: black || (total <= 0.0 && scene.sky.is_black()) }
     }
 
@@ -161,6 +164,16 @@ mod tests {
         let facing = |d: Vec3| light(d) * d.dot(normal).max(0.0);
         let exact = integral(facing, 1.0, whole);
         assert!((integral(facing, 1.0, above) / exact - 1.0).abs() < 5e-3);
+    }
+
+    #[test]
+    fn a_small_sun_in_a_bright_map_has_samples_and_an_even_map_none() {
+        let share = |sun: f32| {
+            let pixels = (0..64 * 32).map(|i| Rgb::splat(if i == 200 { sun } else { 1.0 })).collect();
+            Infinity::new(&Scene { environment: Environment::new(64, 32, pixels, 0.0), ..Scene::default() }).share
+        };
+        assert_eq!([1.0, 1.1, 40.0].map(share), [0.0, 0.0, LEAST], "the last has about 1 % of the light");
+        assert!(share(2000.0) > 0.3);
     }
 
     #[test]
