@@ -28,14 +28,18 @@ use glam::Vec2;
 const BLOCK: u32 = 8;
 /// Rays of a block.
 const RAYS: usize = 16;
-/// Share of the lines that go by what counts: with 0.75, office by `production` had 1.89 %, not 1.88; with none 1.84.
+/// Share of the lines that go by what counts: of a house with a window (5,535 texels of its room, `preview`), indirect light has 2.7 %
+/// error by it, 2.6 % with 0.75, 10.9 % without.
 const SHARE: f64 = 0.5;
+/// Variance of lines by power alone over that of lines by what counts, from which on that is worth it. Rooms without an outside
+/// stay below, and lose a little by what rays tell of them.
+const WORTH: f64 = 2.0;
 /// Share of the mean light that is thought to be everywhere.
 const DARK: f64 = 0.05;
 /// Least reflectance by which light is told from what is sent on.
 const LEAST_ALBEDO: f32 = 0.05;
 
-/// Factor of each patch, about 1 in the mean over the flux; empty where nothing is sent.
+/// Factor of each patch, about 1 in the mean over the flux; empty where lines by power alone do as well.
 pub(super) fn importance(tracer: &Tracer<'_>, patches: &Patches, unshot: &[Rgb], progress: &Progress) -> Vec<f32> {
     let blocks = blocks(patches);
     let light = light(patches, unshot, &blocks);
@@ -57,7 +61,12 @@ pub(super) fn importance(tracer: &Tracer<'_>, patches: &Patches, unshot: &[Rgb],
     }
     let flux = |i: usize| f64::from(color::mean(unshot[i]));
     let counted = parallel::sum(n, |i| flux(i) * f64::from(factors[i]));
-    let scale = if counted > 0.0 { SHARE * parallel::sum(n, flux) / counted } else { 0.0 };
+    let by_power = parallel::sum(n, |i| flux(i) * f64::from(factors[i].powi(2)));
+    let power = parallel::sum(n, flux);
+    if power * by_power <= WORTH * counted * counted {
+        return vec![];
+    }
+    let scale = SHARE * power / counted;
     parallel::map(n, |i| (1.0 - SHARE + scale * f64::from(factors[i])) as f32)
 }
 

@@ -15,6 +15,7 @@
 //! * with [`Start::tilts`], light goes on from where it arrived: the first reflection starts in proportion to the light
 //!   within the texel (see `Tilts`), later ones start where a line of the bounce before has hit the texel. Started
 //!   evenly, light after four reflections and more was 0.6 % short of Mitsuba's, now 0.3 % (office, 12,000 texels);
+//! * lines start where they count, not where most of the power leaves the scene ([`importance`]), if that is worth it;
 //! * places that are much dimmer than others, and that no light of theirs reaches, have lines of their own ([`places()`]);
 //! * `low_discrepancy` takes positions and directions from an Owen-scrambled sequence along the patch order.
 //!
