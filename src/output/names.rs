@@ -29,12 +29,12 @@ pub struct PageFiles {
 }
 
 /// The glTF file that `-o` asks for: `output` itself, or the input's name in it if it is a folder (it exists, or ends
-/// in a separator, or has no extension).
+/// in a separator, or has no extension and is not there).
 #[must_use]
 pub fn document_path(input: &Path, output: &Path) -> PathBuf {
     let text = output.as_os_str().as_encoded_bytes();
     let folder = output.is_dir() || text.last().is_some_and(|&b| b == b'/' || (cfg!(windows) && b == b'\\'));
-    let folder = folder || output.extension().is_none();
+    let folder = folder || output.extension().is_none() && output.symlink_metadata().is_err();
     if folder { output.join(input.file_name().unwrap_or_default()) } else { output.to_path_buf() }
 }
 
