@@ -33,9 +33,13 @@ pub struct PageFiles {
 #[must_use]
 pub fn document_path(input: &Path, output: &Path) -> PathBuf {
     let text = output.as_os_str().as_encoded_bytes();
-    let folder = output.is_dir() || text.last().is_some_and(|&b| b == b'/' || (cfg!(windows) && b == b'\\'));
-    let folder = folder || output.extension().is_none() && output.symlink_metadata().is_err();
-    if folder { output.join(input.file_name().unwrap_or_default()) } else { output.to_path_buf() }
+    let ends_in_separator = text.last().is_some_and(|&b| b == b'/' || (cfg!(windows) && b == b'\\'));
+    let is_new = output.extension().is_none() && output.symlink_metadata().is_err();
+    if output.is_dir() || ends_in_separator || is_new {
+        output.join(input.file_name().unwrap_or_default())
+    } else {
+        output.to_path_buf()
+    }
 }
 
 /// `out/room.glb`, `lightmap0.exr` → `out/room.lightmap0.exr`.
