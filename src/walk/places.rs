@@ -11,7 +11,7 @@
 //! Surfaces belong to one place if some ray of a few leads from one to the other, or from both out of the scene: a door that is
 //! ajar makes one place of two.
 //!
-//! Limits: a dim place into which bright light finds a way is no place of its own.
+//! Limits: a dim place into which bright light finds a way is no place of its own; lines find it by what counts there (`importance`).
 
 use crate::base::random::Stage;
 use crate::base::{Progress, Rgb, Sets, Stream, color, parallel, warp};

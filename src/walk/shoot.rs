@@ -41,6 +41,8 @@ pub(super) struct Shooter<'a> {
     pub(super) progress: &'a Progress,
     /// Points where flux arrives are wanted.
     pub(super) marks: bool,
+    /// Lines of each patch for its flux (see `importance`); empty for 1.
+    pub(super) factors: &'a [f32],
 }
 
 /// Where on its patch a line starts.
@@ -114,11 +116,12 @@ impl Shooter<'_> {
         bounce: u32,
         arrivals: &mut Arrivals,
     ) -> Landed {
-        let running = running_sum(unshot);
+        let running = self.running_weight(unshot);
         let total = running.last().copied().unwrap_or(0.0);
         let channels = DVec3::from_array([0, 1, 2].map(|c| parallel::sum(unshot.len(), |i| f64::from(unshot[i][c]))));
-        // A line's channels add up to three times its mean, so no channel of all lines exceeds 3 × total.
-        arrivals.expect(3.0 * total * (1.0 + 1.0 / lines as f64));
+        // A line's channels add up to three times its mean, so no channel of all lines exceeds that over the least factor.
+        let least = self.factors.iter().copied().filter(|f| *f > 0.0).fold(1.0, f32::min);
+        arrivals.expect(3.0 * total / f64::from(least) * (1.0 + 1.0 / lines as f64));
         let offset = Stream::new(self.settings.seed, Stage::Walk, u64::from(bounce), u64::MAX).next_f64();
         let sequence = Sequence::new(mix(self.settings.seed ^ mix(u64::from(bounce) + 1)));
         let step = total / lines as f64;
@@ -143,7 +146,7 @@ impl Shooter<'_> {
                     _ => prepared.insert((patch, PatchSurface::new(self.tracer, self.patches, patch))),
                 };
                 let (ray, from) = leave(surface, u, patch, starts);
-                out.add(Line { ray, flux: part(unshot[patch], step) }, Some(from));
+                out.add(Line { ray, flux: part(unshot[patch], step / self.factor(patch)) }, Some(from));
             }
             let (ends, tally) = self.land_all(&mut out);
             self.deposit(&ends, arrivals);
@@ -152,9 +155,9 @@ impl Shooter<'_> {
         self.close(arrivals, &tallies, lines, channels)
     }
 
-    /// Share of unshot power that comes back to be shot once more, by a few lines.
+    /// Share of the weight of unshot power that comes back to be shot once more, by a few lines.
     pub(super) fn ratio(&self, unshot: &[Rgb], starts: Starts<'_>, lines: u64) -> f64 {
-        let running = running_sum(unshot);
+        let running = self.running_weight(unshot);
         let Some(total) = running.last().copied().filter(|total| *total > 0.0) else { return 0.0 };
         let back = |k: usize| {
             let mut s = Stream::new(self.settings.seed, Stage::Walk, u64::from(u32::MAX), k as u64);
@@ -162,7 +165,7 @@ impl Shooter<'_> {
             let patch = running.partition_point(|&sum| sum <= target).min(running.len() - 1);
             let surface = PatchSurface::new(self.tracer, self.patches, patch);
             let (ray, _) = leave(&surface, core::array::from_fn(|_| s.next_f32()), patch, starts);
-            self.sent_on(&Line { ray, flux: part(unshot[patch], 1.0) })
+            self.sent_on(&Line { ray, flux: part(unshot[patch], 1.0 / self.factor(patch)) })
         };
         parallel::sum(lines as usize, back) / lines as f64
     }
@@ -174,10 +177,31 @@ impl Shooter<'_> {
         if power > 0.0 { sent_on / power } else { 0.0 }
     }
 
-    /// What becomes of a line's flux at its first hit, mean of the channels.
+    /// What becomes of a line's flux at its first hit: its weight, mean of the channels.
     fn sent_on(&self, line: &Line) -> f64 {
         let arrival = self.land(line, self.tracer.closest_hit(&line.ray), &mut Tally::default());
-        arrival.map_or(0.0, |a| super::mean(a.flux * self.patches.albedo(a.patch)))
+        arrival.map_or(0.0, |a| super::mean(a.flux * self.patches.albedo(a.patch)) * self.factor(a.patch))
+    }
+
+    /// Lines of a patch for its flux, over the mean.
+    fn factor(&self, patch: usize) -> f64 {
+        self.factors.get(patch).map_or(1.0, |factor| f64::from(*factor))
+    }
+
+    /// Mean of the channels times the factor, in the sum over the patches.
+    pub(super) fn weight(&self, unshot: &[Rgb]) -> f64 {
+        parallel::sum(unshot.len(), |i| super::mean(unshot[i]) * self.factor(i))
+    }
+
+    /// The running sum of it; the last entry is the total.
+    fn running_weight(&self, unshot: &[Rgb]) -> Vec<f64> {
+        let mut sums = parallel::map_light(unshot.len(), |i| super::mean(unshot[i]) * self.factor(i));
+        let mut sum = 0.0;
+        sums.iter_mut().for_each(|own| {
+            sum += *own;
+            *own = sum;
+        });
+        sums
     }
 
     /// Where the flux of all of it arrives, and what becomes of it.
@@ -262,15 +286,4 @@ fn leave(surface: &PatchSurface<'_>, u: [f32; 4], patch: usize, starts: Starts<'
     };
     let direction = surface.frame(&spot).to_world(warp::square_to_cosine_hemisphere(Vec2::new(u[2], u[3])));
     (Ray { origin: surface.origin(&spot, direction), direction, t_max: f32::INFINITY }, spot.point.triangle)
-}
-
-/// Running sum of the mean of the channels; the last entry is the total.
-fn running_sum(unshot: &[Rgb]) -> Vec<f64> {
-    let mut sums = parallel::map_light(unshot.len(), |i| super::mean(unshot[i]));
-    let mut sum = 0.0;
-    sums.iter_mut().for_each(|own| {
-        sum += *own;
-        *own = sum;
-    });
-    sums
 }

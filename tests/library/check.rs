@@ -111,17 +111,23 @@ fn beyond(baked: &Baked, distance: usize) -> Vec<(usize, usize)> {
     all.filter(|t| baked.distance_to_cover(*t) >= distance).collect()
 }
 
-/// A step between two charts: the one at the worst seam gets three times the light.
+/// A step between two charts: the one at the worst seam gets three times the light, with its padding, the texels nearest to it.
 fn brighten_a_seam(baked: &mut Baked) {
     let folder = tempfile::tempdir().unwrap();
     let clean = report(&baked.write(folder.path()), &Settings::default());
-    let [x, y] = clean.measure(Kind::SeamStep).unwrap().places[0].texel.unwrap().map(|v| v as f32);
-    let around = |c: &&Chart| c.low[0] <= x + 1.0 && x <= c.high[0] && c.low[1] <= y + 1.0 && y <= c.high[1];
-    let chart = baked.charts().iter().find(around).unwrap().clone();
-    for y in chart.low[1] as usize..=chart.high[1] as usize + 1 {
-        for x in (chart.low[0] as usize).saturating_sub(1)..=chart.high[0] as usize + 1 {
-            baked.texel((x, y))[..3].iter_mut().for_each(|v| *v *= 3.0);
-        }
+    let at = clean.measure(Kind::SeamStep).unwrap().places[0].texel.unwrap().map(|v| v as f32 + 0.5);
+    let charts = baked.charts();
+    let distance = |chart: usize, p: [f32; 2]| {
+        let c = &charts[chart];
+        let out = |axis: usize| (c.low[axis] - p[axis]).max(p[axis] - c.high[axis]).max(0.0);
+        out(0).max(out(1))
+    };
+    let nearest = |p: [f32; 2]| (0..charts.len()).min_by(|a, b| distance(*a, p).total_cmp(&distance(*b, p))).unwrap();
+    let chart = nearest(at);
+    let (width, height) = (baked.page.width as usize, baked.page.height as usize);
+    let all = (0..width * height).map(|i| (i % width, i / width));
+    for texel in all.filter(|t| nearest([t.0 as f32 + 0.5, t.1 as f32 + 0.5]) == chart) {
+        baked.texel(texel)[..3].iter_mut().for_each(|v| *v *= 3.0);
     }
 }
 

@@ -1,4 +1,5 @@
-//! Light that comes in through a window, from the sky and from a glowing surface behind it, against closed forms.
+//! Light that comes in through a window, from the sky and from a glowing surface behind it, against closed forms; and the walk in
+//! a room with a window below bright ground.
 
 use crate::solve::{Stage, square};
 use crate::support;
@@ -8,6 +9,7 @@ use texelwalk::gather::Sky as GatheredSky;
 use texelwalk::light::{self, Openings};
 use texelwalk::patches::Tilts;
 use texelwalk::scene::{Material, Scene, Sky};
+use texelwalk::walk::{self, Splat};
 
 /// Half the edge of the window [m].
 const HALF: f32 = 0.4;
@@ -142,4 +144,49 @@ fn the_gather_finds_what_samples_through_a_window_leave_to_it() {
     };
     assert!((together(8.0) - 1.0).abs() < 0.01, "{}", together(8.0));
     assert!((together(64.0) - 1.0).abs() > 0.02, "another division goes unnoticed: {}", together(64.0));
+}
+
+#[test]
+fn lines_go_where_they_count_not_into_the_sky() {
+    let mut triangles = room();
+    triangles.extend(square(Vec3::new(-8.0, 2.5, -8.0), Vec3::Z * 16.0, Vec3::X * 16.0));
+    let grey = Material { base_color: Vec4::new(0.6, 0.6, 0.6, 1.0), ..support::white() };
+    let scene = support::scene_with_material(&triangles, grey);
+    let stage = Stage::new(&scene, 4.0);
+    let patches = &stage.patches;
+    let light = |i: usize, outside: f32| match patches.position[i].y {
+        y if y > 2.0 => outside,
+        y if y < -1.499 && patches.normal[i].y > 0.9 => 1.0,
+        _ => 0.0,
+    };
+    let direct = |outside: f32| (0..patches.len()).map(|i| Rgb::splat(light(i, outside))).collect::<Vec<Rgb>>();
+    let wall = faces(&stage);
+    let walked = |outside: f32, lines: u64, low_discrepancy: bool, seed: u64| {
+        let how = walk::Settings { splat: Splat::None, lines, bounces: None, low_discrepancy, seed };
+        let walk = stage.walk_with(Some(&direct(outside)), &how);
+        for bounce in walk.ledger.iter().filter(|bounce| bounce.lines > 1000) {
+            let spent = (bounce.received[0] + bounce.escaped[0] + bounce.culled[0]) / bounce.shot[0];
+            assert!((spent - 1.0).abs() < 1e-5, "{bounce:?}");
+            assert!((bounce.shot[0] / bounce.unshot[0] - 1.0).abs() < 0.01, "{bounce:?}");
+        }
+        wall.iter().map(|&i| f64::from(walk.indirect[i].x)).collect::<Vec<f64>>()
+    };
+    // Nothing of what is above the roof comes in.
+    let truth = walked(0.0, 4_000_000, false, 99);
+    let mean = truth.iter().fold(0.0, |a, b| a + b) / truth.len() as f64;
+    let seeds = 8;
+    let compared = |low_discrepancy: bool| {
+        let (mut bias, mut square) = (0.0, 0.0);
+        for seed in 0..seeds {
+            for (light, truth) in walked(50.0, 50_000, low_discrepancy, seed).into_iter().zip(&truth) {
+                bias += light - truth;
+                square += (light - truth).powi(2);
+            }
+        }
+        let n = truth.len() as f64 * seeds as f64;
+        [bias / n / mean, (square / n).sqrt() / mean]
+    };
+    let [[bias, error], [_, by_power]] = [compared(true), compared(false)];
+    assert!(bias.abs() < 0.03, "{bias}");
+    assert!(error < 0.4 * by_power, "{error}, by power {by_power}");
 }
