@@ -9,6 +9,7 @@ mod clock;
 mod dark;
 mod directional;
 mod groups;
+mod halves;
 mod html;
 mod layers;
 mod outputs;
@@ -29,15 +30,16 @@ use crate::gather;
 use crate::light;
 use crate::memory::{self, Estimate};
 use crate::output::{self, report};
-use crate::patches::{PatchGraph, Patches};
+use crate::patches::{Outlook, PatchGraph, Patches};
 use crate::scene::{self, Scene};
 use crate::seams::Seams;
-use crate::settings::{Preset, Quantity, Settings, Target, UvMode};
+use crate::settings::{Preset, Quantity, Settings, SplatMode, Target, UvMode};
 use crate::trace::Tracer;
 use crate::vertices;
 use clock::Clock;
 use core::f32::consts::FRAC_1_PI;
 use groups::Group;
+use halves::Halves;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -126,7 +128,7 @@ pub struct Outcome {
 /// Light of the front patches, shared between neighbours, and how it was found.
 #[derive(Debug, Default)]
 struct Solution {
-    halves: solve::Halves,
+    halves: Halves,
     /// Irradiance by each group, if there are several; `halves` are their sum [lx].
     groups: Vec<Vec<Rgb>>,
     /// Of what shadow rays found and of the rest; see `finish::share`.
@@ -169,11 +171,12 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     let tracer = tracer.with_sides(patches.sides_of_walls());
     let turned = sides::turn(&tracer, &lights, &atlas, &mut patches, settings, &mut clock)?;
     warnings.extend(turned.warnings);
-    let (graph, ways) = clock.timed("links", |progress| {
+    let (graph, ways, outlook) = clock.timed("links", |progress| {
         patches.find_overlaid(&tracer, progress);
         let graph = turned.graph.unwrap_or_else(|| PatchGraph::new(&patches, &tracer, progress));
         let ways = solve::held_ways(settings, &patches, &graph);
-        (graph, ways)
+        let outlook = (settings.splat == SplatMode::Share).then(|| Outlook::find(&tracer, &patches, progress));
+        (graph, ways, outlook)
     })?;
     let facts = write::Facts { request, tracer: &tracer, scene: &scene, atlas: &atlas, patches: &patches };
     let seams = clock.timed("seams", |progress| Seams::new(&tracer, &atlas, &patches, progress))?;
@@ -183,7 +186,15 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     } else {
         vec![]
     };
-    let setup = solve::Setup { settings, tracer: &tracer, patches: &patches, graph: &graph, ways, openness: &openness };
+    let setup = solve::Setup {
+        settings,
+        tracer: &tracer,
+        patches: &patches,
+        graph: &graph,
+        ways,
+        outlook: outlook.as_ref(),
+        openness: &openness,
+    };
     let finished = |solution: &Solution, progress: &Progress| {
         let mut results = results(&setup, &groups, &atlas, &seams, solution, progress);
         if request.html.is_some() {
@@ -373,7 +384,7 @@ mod tests {
         let off = |i: usize| if i < 2 { 600.0f32 } else { 0.1 };
         let errors = Errors { noise: (0..200).map(|i| 3.0 * off(i) * off(i)).collect(), bias: vec![0.0; 200] };
         let dark = [vec![Rgb::ZERO; 200], vec![Rgb::ZERO; 200]];
-        let halves = solve::Halves { direct: [light.clone(), light], indirect: dark, ..solve::Halves::default() };
+        let halves = Halves { direct: [light.clone(), light], indirect: dark, ..Halves::default() };
         let mut patches = Patches::default();
         patches.front = 200;
         (patches, Solution { halves, errors: [errors, Errors::default()], ..Solution::default() })

@@ -9,9 +9,10 @@
 
 use super::clock::{Clock, Stop};
 use super::groups::Group;
+use super::halves::Halves;
 use super::plan::{Done, End, Goals, Plan, Step};
 use super::power;
-use super::solve::{Budget, Halves, Setup, Solver};
+use super::solve::{Budget, Setup, Solver};
 use super::{Error, Solution};
 use crate::base::random::mix;
 use crate::base::{LightVector, Rgb, Warning};

@@ -100,7 +100,7 @@ fn light(
 ) -> Result<Vec<f32>, Stop> {
     let settings = Settings { gather: 0, directional: Directional::None, ..settings.clone() };
     let all = groups::groups(tracer.scene(), lights, false);
-    let setup = Setup { settings: &settings, tracer, patches, graph, ways: None, openness: &[] };
+    let setup = Setup { settings: &settings, tracer, patches, graph, ways: None, outlook: None, openness: &[] };
     let mut solver = Solver::new(&setup, &all[0].emitters, mix(settings.seed ^ SIDES));
     solver.pass(&setup, &Budget::new(&settings, patches, BUDGET, 0), clock)?;
     Ok(solver.roughly().into_iter().map(color::mean).collect())

@@ -17,6 +17,7 @@
 //! `production`).
 
 use super::clock::{Clock, Stop};
+use super::halves::Halves;
 use super::power;
 use crate::base::random::mix;
 use crate::base::{LightVector, Progress, Rgb, Stream, color, parallel};
@@ -25,7 +26,7 @@ use crate::gather::{self, Gathered, Openness};
 use crate::light::glare::{Glare, Glared, Sent};
 use crate::light::{self, Emitters, Openings, shoot};
 use crate::output::report;
-use crate::patches::{PatchGraph, Patches, Shine, Tilts};
+use crate::patches::{Outlook, PatchGraph, Patches, Shine, Tilts};
 use crate::settings::{DirectMode, Settings, SplatMode};
 use crate::trace::Tracer;
 use crate::walk::{self, EmittedLines, Splat, Walk};
@@ -54,6 +55,8 @@ pub(super) struct Setup<'a> {
     pub(super) graph: &'a PatchGraph,
     /// What light of the front patches flows over; `None` where it is made anew each time, so as not to be held.
     pub(super) ways: Option<Ways>,
+    /// What patches look at; `None` where effort is to go by nothing but light.
+    pub(super) outlook: Option<&'a Outlook>,
     /// What is open around the front patches, if a layer needs it.
     pub(super) openness: &'a [Openness],
 }
@@ -65,6 +68,11 @@ pub(super) fn held_ways(settings: &Settings, patches: &Patches, graph: &PatchGra
 }
 
 impl Setup<'_> {
+    /// How bright it is around each patch, over the mean of the light; empty for nowhere dimmer.
+    fn dimness(&self, light: &[f32]) -> Vec<f32> {
+        self.outlook.map_or(vec![], |outlook| outlook.dimness(self.patches, light))
+    }
+
     /// What light of the first `n` patches flows over.
     pub(super) fn ways(&self, n: usize) -> Ways {
         let held = self.ways.as_ref().filter(|ways| ways.patches() == n);
@@ -94,19 +102,6 @@ pub(super) struct Budget {
     pub(super) gather: u32,
     /// Number of the pass.
     pub(super) pass: u64,
-}
-
-/// Irradiance of the front patches by two halves of the random numbers [lx].
-#[derive(Debug, Default, Clone)]
-pub(super) struct Halves {
-    /// Straight from the emitters, but for what the gather found of the sky.
-    pub(super) direct: [Vec<Rgb>; 2],
-    /// After reflections, and what the gather found of the sky.
-    pub(super) indirect: [Vec<Rgb>; 2],
-    /// Mean of what the gather found of the sky, part of `indirect`.
-    pub(super) sky: Vec<Rgb>,
-    /// Light vectors of `direct` and of `indirect` [lx]; empty unless directional light is baked.
-    pub(super) vectors: [Vec<LightVector>; 2],
 }
 
 /// What the passes so far have found, on all patches.
@@ -152,38 +147,6 @@ struct SentOn {
     tilts: Tilts,
     /// Where the walk knows too little.
     unsure: Vec<u32>,
-}
-
-impl Halves {
-    /// Mean of the halves [lx].
-    pub(super) fn irradiance(&self) -> Vec<Rgb> {
-        parallel::map(self.direct[0].len(), |i| self.at(i))
-    }
-
-    /// Mean of the halves at one front patch [lx].
-    pub(super) fn at(&self, i: usize) -> Rgb {
-        let half = |h: usize| self.direct[h][i] + self.indirect[h][i];
-        (half(0) + half(1)) * 0.5
-    }
-
-    /// Light vectors of all light [lx]; empty if they are not wanted.
-    pub(super) fn light_vectors(&self) -> Vec<LightVector> {
-        let [direct, indirect] = &self.vectors;
-        direct.iter().zip(indirect).map(|(a, b)| *a + *b).collect()
-    }
-
-    /// Light of other sources comes on top.
-    pub(super) fn add(&mut self, other: &Self) {
-        for (own, others) in [(&mut self.direct, &other.direct), (&mut self.indirect, &other.indirect)] {
-            for (own, others) in own.iter_mut().zip(others) {
-                own.iter_mut().zip(others).for_each(|(a, b)| *a += *b);
-            }
-        }
-        self.sky.iter_mut().zip(&other.sky).for_each(|(a, b)| *a += *b);
-        for (own, others) in self.vectors.iter_mut().zip(&other.vectors) {
-            own.iter_mut().zip(others).for_each(|(a, b)| *a += *b);
-        }
-    }
 }
 
 impl Budget {
@@ -274,7 +237,7 @@ impl<'a> Solver<'a> {
                     light::Settings { samples, gather_rays, seed: pass_seed, directional: settings.is_directional() };
                 let find = || Openings::find(tracer, patches, emitters, seed, progress);
                 let openings = self.openings.get_or_insert_with(find);
-                let found = light::direct(tracer, patches, emitters, openings, &how, progress);
+                let found = light::direct(tracer, patches, emitters, (openings, setup.outlook), &how, progress);
                 self.add_direct(found, budget);
             })?;
         }
@@ -295,7 +258,13 @@ impl<'a> Solver<'a> {
                 let shot = EmittedLines { flux: sources.flux(), line: &line };
                 let emitted = (settings.direct == DirectMode::Shoot).then_some(&shot);
                 let how = walk_settings(settings, budget, half, seed);
-                let start = walk::Start { unshot, tilts: tilts.as_ref(), places: &self.places, emitted };
+                let start = walk::Start {
+                    unshot,
+                    tilts: tilts.as_ref(),
+                    places: &self.places,
+                    outlook: setup.outlook,
+                    emitted,
+                };
                 walk::walk(tracer, patches, graph, start, &how, progress)
             })
         })?;
@@ -311,6 +280,7 @@ impl<'a> Solver<'a> {
             let sky: Option<gather::Sky<'_>> = if rays > 0.0 && emitters.has_sky() { Some(&sky) } else { None };
             self.settle(setup, &mut sent_on, &direct, sky, pass_seed, clock)?;
             let SentOn { radiance, light, tilts, .. } = sent_on;
+            let dimness = setup.dimness(&light);
             let radiance = [radiance[0].as_slice(), radiance[1].as_slice()];
             let sent = Sent { tracer, patches, radiance, tilts: &tilts, seed };
             let glare = self.look_for_glare(setup, budget, &sent, &light, clock)?;
@@ -324,7 +294,7 @@ impl<'a> Solver<'a> {
             let is_known = settings.bounces.is_some() || settings.direct == DirectMode::Shoot;
             let looks = (!is_known).then_some(&anew);
             let field = gather::Field { tracer, patches, radiance, left_out, tilts: &tilts, sky, anew: looks, seed };
-            clock.timed("gather", |progress| self.gather(setup, budget, &field, progress))?;
+            clock.timed("gather", |progress| self.gather(setup, budget, &field, &dimness, progress))?;
             self.shadow_rays += anew.rays.into_inner();
             (self.glare, self.openings) = (Some(glare), Some(openings));
         }
@@ -490,14 +460,21 @@ impl<'a> Solver<'a> {
         if all > first && viewers > 0 && !progress.cancelled() {
             let error = Errors::of_noise(&glared.halves());
             let mean = (all - first) as f32 * viewers as f32 / setup.patches.front as f32;
-            let samples = gather::second_round(&error.around(&setup.network()), mean);
+            let samples = gather::second_round(&error.around(&setup.network()), &[], mean);
             sampler.add(glared, |i| samples[i], progress);
         }
         self.shadow_rays += glared.rays - shot;
     }
 
     /// The last bounce. With sharing, two thirds of the rays go where the errors are largest after the first third.
-    fn gather(&mut self, setup: &Setup<'_>, budget: &Budget, field: &gather::Field<'_>, progress: &Progress) {
+    fn gather(
+        &mut self,
+        setup: &Setup<'_>,
+        budget: &Budget,
+        field: &gather::Field<'_>,
+        dimness: &[f32],
+        progress: &Progress,
+    ) {
         let settings = setup.settings;
         let half = if settings.bounces == Some(0) { 0 } else { budget.gather.div_ceil(2) };
         let first = first_round(settings, half);
@@ -505,7 +482,7 @@ impl<'a> Solver<'a> {
         if half > first && !progress.cancelled() {
             let [mut a, mut b] = self.gathered.halves();
             let error = finish::share(field.patches, setup.ways(a.len()), [&mut a, &mut b], Along::default());
-            let rays = gather::second_round(&error.around(&setup.network()), (half - first) as f32);
+            let rays = gather::second_round(&error.around(&setup.network()), dimness, (half - first) as f32);
             self.gathered.add(field, |i| rays[i], progress);
         }
     }

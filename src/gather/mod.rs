@@ -24,7 +24,8 @@
 //!
 //! Effort goes where it is needed: a first round is the same everywhere, a second in proportion to the error that is
 //! left after sharing, which is where a sum of squares falls fastest. Rounds are chosen by smoothed error, so the
-//! choice hardly depends on the very samples that it adds to.
+//! choice hardly depends on the very samples that it adds to. Where it is far dimmer around than in the mean of the scene, an
+//! error counts for more (`patches::Outlook`).
 //!
 //! Tried: directions of the second round by what the first one found in 8 × 8 texels together, in 64 parts of the hemisphere,
 //! as in Müller, Gross, Novák, "Practical Path Guiding for Efficient Light-Transport Simulation", EGSR 2017. Errors of cornell
@@ -181,10 +182,10 @@ impl Gathered {
 }
 
 /// Rays per half that a second round of `mean` rays per half gives each texel: in proportion to the root of `error`
-/// (squared, smoothed).
+/// (squared, smoothed), over that of the dimness around (see `patches::Outlook`; empty for nowhere dimmer).
 #[must_use]
-pub fn second_round(error: &[f32], mean: f32) -> Vec<u32> {
-    let deviation = |i: usize| error[i].max(0.0).sqrt();
+pub fn second_round(error: &[f32], dimness: &[f32], mean: f32) -> Vec<u32> {
+    let deviation = |i: usize| (error[i].max(0.0) / dimness.get(i).map_or(1.0, |dim| *dim)).sqrt();
     let total = parallel::sum(error.len(), |i| f64::from(deviation(i)));
     if total <= 0.0 {
         return vec![0; error.len()];

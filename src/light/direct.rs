@@ -24,7 +24,7 @@ use super::{Emitters, Settings};
 use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, Stream, mix};
 use crate::base::{LightVector, Progress, Rgb, parallel};
-use crate::patches::Patches;
+use crate::patches::{Outlook, Patches};
 use crate::trace::Tracer;
 use glam::Vec2;
 
@@ -98,13 +98,13 @@ type Half = (Lit, Vec2);
 /// Both halves, and the light if nothing were in between, if it was asked for and is known.
 type Sums = ([Half; 2], Option<Rgb>);
 
-/// Direct light of every patch.
+/// Direct light of every patch; without an outlook, all is judged as in the brightest place.
 #[must_use]
 pub fn direct(
     tracer: &Tracer<'_>,
     patches: &Patches,
     emitters: &Emitters,
-    openings: &Openings,
+    (openings, outlook): (&Openings, Option<&Outlook>),
     settings: &Settings,
     progress: &Progress,
 ) -> Direct {
@@ -134,10 +134,15 @@ pub fn direct(
             layers.push(layer);
         }
     }
+    let mut dimness = vec![];
     for rounds in 0..allot::ROUNDS {
         let estimates: Vec<(&[Estimate], Kind)> = layers.iter().map(|l| (l.estimates.as_slice(), l.kind)).collect();
-        let judges = Judges { neighbors: &neighbors, openings };
-        let wanted = allot::wanted(&context.hard.irradiance, &estimates, &judges, settings.samples, rounds);
+        let visible = allot::visible(&context.hard.irradiance, &estimates);
+        if rounds == 0 {
+            dimness = outlook.map_or(vec![], |outlook| outlook.dimness(patches, &visible));
+        }
+        let judges = Judges { neighbors: &neighbors, openings, visible: &visible, dimness: &dimness };
+        let wanted = allot::wanted(&estimates, &judges, settings.samples, rounds);
         if wanted.iter().all(Vec::is_empty) || progress.cancelled() {
             break;
         }

@@ -28,6 +28,7 @@ mod punctual;
 pub mod shoot;
 mod site;
 mod slope;
+mod survey;
 mod tree;
 mod twice;
 mod unhidden;

@@ -25,6 +25,7 @@ mod fragments;
 mod graph;
 mod hollows;
 mod laid;
+mod outlook;
 mod overlaid;
 mod party;
 mod pieces;
@@ -41,6 +42,7 @@ mod turn;
 
 pub use blocks::{BLOCK, Block};
 pub use graph::{COS_FACING, HEIGHTS, PatchGraph};
+pub use outlook::Outlook;
 pub use place::Seen;
 pub use readers::{Unlit, around};
 pub use sight::{Looked, Sight};

@@ -34,7 +34,7 @@ mod shoot;
 
 use crate::base::random::mix;
 use crate::base::{Progress, Rgb, parallel};
-use crate::patches::{PatchGraph, Patches, Tilts};
+use crate::patches::{Outlook, PatchGraph, Patches, Tilts};
 use crate::trace::{Line, Tracer};
 
 use accumulate::Arrivals;
@@ -94,6 +94,8 @@ pub struct Start<'a> {
     pub tilts: Option<&'a Tilts>,
     /// The place of each patch (see [`places()`]); empty for one place.
     pub places: &'a [u32],
+    /// What patches look at; `None` for lines by power alone.
+    pub outlook: Option<&'a Outlook>,
     /// Lines of the emitters come first.
     pub emitted: Option<&'a EmittedLines<'a>>,
 }
@@ -144,18 +146,14 @@ pub fn walk(
     if start.emitted.is_some() {
         return walk_level(&shooter, start);
     }
-    let Start { unshot, tilts, places, .. } = start;
-    let factors = if settings.low_discrepancy {
-        importance::importance(tracer, patches, &unshot, &Progress::default())
-    } else {
-        vec![]
-    };
+    let Start { unshot, tilts, places, outlook, .. } = start;
+    let factors = outlook.map_or(vec![], |outlook| importance::importance(outlook, patches, &unshot));
     let shooter = Shooter { factors: &factors, ..shooter };
     let levels = places::levels(patches, places, unshot, settings.lines).into_iter().zip(0u64..);
     let walks = levels.map(|(level, k)| {
         let seed = if k == 0 { settings.seed } else { mix(settings.seed ^ mix(k)) };
         let settings = &Settings { lines: level.lines, seed, ..*settings };
-        let start = Start { unshot: level.unshot, tilts, places: &[], emitted: None };
+        let start = Start { unshot: level.unshot, tilts, places: &[], outlook: None, emitted: None };
         walk_level(&Shooter { settings, ..shooter }, start)
     });
     walks.reduce(Walk::and).unwrap_or_default()

@@ -259,7 +259,7 @@ fn divided(scene: &Scene, rays: f32, told: f32) -> [f64; 3] {
     let p = &stage.patches;
     let settings = light::Settings { samples: 64, gather_rays: rays, seed: 3, directional: false };
     let direct =
-        light::direct(&stage.tracer, p, &stage.emitters, &Openings::default(), &settings, &Progress::default());
+        light::direct(&stage.tracer, p, &stage.emitters, (&Openings::default(), None), &settings, &Progress::default());
     let black = vec![Rgb::ZERO; p.len()];
     let none = Openings::default();
     let sky = |patch, normal, toward| stage.emitters.gathered_sky(scene, (&none, patch), normal, toward, told);

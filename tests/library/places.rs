@@ -40,7 +40,7 @@ fn a_cellar_under_a_square_in_the_sun_has_all_of_its_light() {
     // Light in a closed room is a series: what comes after reflections is direct · ρ/(1 − ρ).
     let expected = stage.mean(&direct, is_inside) * 0.6 / 0.4;
     for seed in 0..4 {
-        let found = stage.walk_in(&places, Some(&direct), &settings(seed));
+        let found = stage.walk_in((&places, None), Some(&direct), &settings(seed));
         let ratio = stage.mean(&found.indirect, is_inside) / expected;
         assert!((ratio - 1.0).abs() < 0.005, "{ratio} of the light");
         let left = found.ledger.last().unwrap();
@@ -50,7 +50,6 @@ fn a_cellar_under_a_square_in_the_sun_has_all_of_its_light() {
             assert!((bounce.shot[0] - to).abs() <= 1e-5 * bounce.shot[0], "{bounce:?}");
         }
     }
-    let by_power = walk::Settings { low_discrepancy: false, ..settings(0) };
-    let together = stage.walk_in(&[], Some(&direct), &by_power);
+    let together = stage.walk_in((&[], None), Some(&direct), &settings(0));
     assert!(stage.mean(&together.indirect, is_inside) < 0.8 * expected, "it would not have been noticed");
 }

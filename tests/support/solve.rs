@@ -14,7 +14,7 @@ use texelwalk::atlas::{self, Atlas};
 use texelwalk::base::{Progress, Rgb};
 use texelwalk::gather::{Field, Gathered, Sky as GatheredSky};
 use texelwalk::light::{self, Emitters, Openings, shoot};
-use texelwalk::patches::{PatchGraph, Patches, Tilts};
+use texelwalk::patches::{Outlook, PatchGraph, Patches, Tilts};
 use texelwalk::scene::{self, Scene, Sky};
 use texelwalk::trace::Tracer;
 use texelwalk::walk::{self, EmittedLines, Splat, Walk};
@@ -68,7 +68,7 @@ impl<'a> Stage<'a> {
             &self.tracer,
             &self.patches,
             &self.emitters,
-            &Openings::default(),
+            (&Openings::default(), None),
             &settings,
             &Progress::default(),
         )
@@ -80,11 +80,16 @@ impl<'a> Stage<'a> {
     }
 
     pub fn walk_with(&self, direct: Option<&[Rgb]>, settings: &walk::Settings) -> Walk {
-        self.walk_in(&[], direct, settings)
+        self.walk_in((&[], None), direct, settings)
     }
 
-    /// The same in places that light hardly goes between.
-    pub fn walk_in(&self, places: &[u32], direct: Option<&[Rgb]>, settings: &walk::Settings) -> Walk {
+    /// The same in places that light hardly goes between, or with lines by what patches look at.
+    pub fn walk_in(
+        &self,
+        (places, outlook): (&[u32], Option<&Outlook>),
+        direct: Option<&[Rgb]>,
+        settings: &walk::Settings,
+    ) -> Walk {
         let p = &self.patches;
         let unshot = |d: &[Rgb]| (0..p.len()).map(|i| p.scattered(i, |k| d[k] * p.exposed_area(k))).collect();
         let start = direct.map_or_else(|| vec![Rgb::ZERO; p.len()], unshot);
@@ -92,7 +97,7 @@ impl<'a> Stage<'a> {
         let line = |k, n| sources.line(k, n);
         let emitted = EmittedLines { flux: sources.flux(), line: &line };
         let emitted = direct.is_none().then_some(&emitted);
-        let start = walk::Start { unshot: start, tilts: None, places, emitted };
+        let start = walk::Start { unshot: start, tilts: None, places, outlook, emitted };
         walk::walk(&self.tracer, p, &self.graph, start, settings, &Progress::default())
     }
 
