@@ -1,21 +1,27 @@
-//! Surface right below a rug or behind a poster takes no part in light, so that no dark rim shows around them.
+//! Surface right below a rug or behind a poster takes no part in light, so that no dark rim shows around them, and no bright
+//! one around lamps.
 
 use crate::solve::{Stage, square};
 use crate::support;
 use core::f32::consts::PI;
 use glam::{Mat3, Vec3};
 use texelwalk::base::Rgb;
-use texelwalk::scene::{Scene, Sky};
+use texelwalk::scene::{Material, Scene, Sky};
 
-/// A floor of 3 m by 3 m under a white sky, and a rug of `size` [m] that hovers over its middle.
-fn rug_over_floor(size: [f32; 2], height: f32, turn: f32, double_sided: bool) -> Scene {
+/// A floor of 3 m by 3 m, and a rug of `size` [m] that hovers over its middle.
+fn floor_and_rug(size: [f32; 2], height: f32, turn: f32) -> ([[Vec3; 3]; 2], [[Vec3; 3]; 2]) {
     let turn = Mat3::from_rotation_y(turn);
-    let mut all = square(Vec3::new(-1.5, 0.0, 1.5), Vec3::X * 3.0, Vec3::Z * -3.0).to_vec();
+    let floor = square(Vec3::new(-1.5, 0.0, 1.5), Vec3::X * 3.0, Vec3::Z * -3.0);
     let corner = Vec3::new(-size[0] / 2.0, height, size[1] / 2.0);
-    all.extend(square(turn * corner, turn * Vec3::X * size[0], turn * Vec3::Z * -size[1]));
+    (floor, square(turn * corner, turn * Vec3::X * size[0], turn * Vec3::Z * -size[1]))
+}
+
+/// The same under a white sky.
+fn rug_over_floor(size: [f32; 2], height: f32, turn: f32, double_sided: bool) -> Scene {
+    let (floor, rug) = floor_and_rug(size, height, turn);
     let mut material = support::white();
     material.double_sided = double_sided;
-    let mut scene = support::scene_with_material(&all, material);
+    let mut scene = support::scene_with_material(&[floor, rug].concat(), material);
     scene.sky = Sky::constant(Rgb::ONE);
     scene
 }
@@ -52,5 +58,39 @@ fn what_is_too_high_or_covers_all_is_left() {
         let p = &stage.patches;
         let floor = (0..p.front).filter(|i| p.position[*i].y < height / 2.0);
         assert!(floor.map(|i| p.exposed[i]).all(|exposed| exposed > 0.99), "{size:?} at {height} m");
+    }
+}
+
+const GLOW: f32 = 20.0;
+
+/// Flux over π that a lamp in the place of the rug, which glows on both sides, sends to the floor, `height` above it [lm].
+fn flux_on_floor(size: [f32; 2], height: f32, turn: f32) -> f32 {
+    let (floor, rug) = floor_and_rug(size, height, turn);
+    let lamp = Material { emission: Rgb::splat(GLOW), double_sided: true, ..support::white() };
+    let scene = support::scene_of_two(&floor, &rug, lamp);
+    let stage = Stage::new(&scene, 16.0);
+    let (p, light) = (&stage.patches, stage.direct(256));
+    let floor = (0..p.front).filter(|i| p.position[*i].y < height / 2.0);
+    floor.map(|i| light[i].x / PI * p.exposed_area(i)).fold(0.0, |a, b| a + b)
+}
+
+#[test]
+fn a_flat_lamp_lights_the_floor_beside_it_only() {
+    for (height, turn) in [(0.0005, 0.58), (0.002, 0.0), (0.005, 0.0), (0.005, 0.58)] {
+        let flux = flux_on_floor([1.3, 0.9], height, turn);
+        // Beside the edge of a wide lamp E is π L (1 − x / √(x² + h²)) / 2 at a distance x.
+        // Where a cell of the mask is half covered, a part of it is missing.
+        let (expected, below) = (4.4 * GLOW * height / 2.0, 1.17 * GLOW);
+        let off = (flux - expected).abs();
+        assert!(off < 0.2 * expected + 2e-3 * below, "{height} m, {turn}: {flux} instead of {expected}");
+    }
+}
+
+#[test]
+fn below_a_narrow_lamp_the_floor_is_lit() {
+    for turn in [0.0, 0.58] {
+        let flux = flux_on_floor([1.3, 0.02], 0.005, turn);
+        let expected = GLOW * 1.3 * 0.02;
+        assert!(flux > 0.95 * expected && flux < 1.05 * expected, "{turn}: {flux} of {expected}");
     }
 }
