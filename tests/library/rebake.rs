@@ -136,6 +136,43 @@ fn light_at_vertices_takes_the_lightmap_away() {
 }
 
 #[test]
+fn bakes_in_a_row_leave_the_light_of_one_at_vertices() {
+    let sizes = |document: &Value| {
+        let length = |key: &str| document[key].as_array().map_or(0, Vec::len);
+        let bytes = document["buffers"].as_array().unwrap().iter().map(|b| b["byteLength"].as_u64().unwrap()).sum();
+        (["accessors", "bufferViews", "buffers", "meshes"].map(length), bytes)
+    };
+    let vertex =
+        |more: &[&'static str]| [&OPTIONS[..6], &["--target", "vertex", "--vertex-attribute", "both"], more].concat();
+    for options in [vertex(&[]), vertex(&["--subdivide", "0.05"])] {
+        let first = bake_fixture("cornell/cornell.gltf", &options);
+        let mut bakes = vec![first];
+        for k in 0..3 {
+            bakes.push(bake_file(&bakes[k].path("out.gltf"), &options));
+        }
+        let documents: Vec<Value> = bakes.iter().map(Baked::document).collect();
+        // Vertices that cuts added stay in the file of the first bake, of which only the light is not needed any more.
+        let [mut first, second] = [&documents[0], &documents[1]].map(|d| sizes(d).0);
+        first[2] += usize::from(second[2] > first[2] && options.contains(&"--subdivide"));
+        assert_eq!(second, first, "{options:?}");
+        for pair in documents[1..].windows(2) {
+            assert_eq!(sizes(&pair[1]), sizes(&pair[0]), "{options:?}");
+            assert_eq!(pair[1]["meshes"], pair[0]["meshes"], "{options:?}");
+        }
+    }
+    // In turns with lightmaps, whose coordinates stay.
+    let mut of_turns: Vec<(_, u64)> = vec![];
+    let mut bakes = vec![bake_fixture("cornell/cornell.gltf", &vertex(&[]))];
+    for k in 0..6 {
+        let options = if k % 2 == 0 { OPTIONS.to_vec() } else { vertex(&[]) };
+        bakes.push(bake_file(&bakes[k].path("out.gltf"), &options));
+        of_turns.push(sizes(&bakes[k + 1].document()));
+    }
+    assert_eq!(of_turns[2..4], of_turns[4..]);
+    assert_eq!(of_turns[..2], of_turns[2..4]);
+}
+
+#[test]
 fn other_scenes_find_their_pages_from_another_folder() {
     let floor = |y: f32| Quad::new([0.0, y, 0.0], [0.0, 0.0, 2.0], [2.0, 0.0, 0.0], grey(0.5));
     let bulb = |candela: f32| serde_json::json!({"type": "point", "intensity": candela});

@@ -191,6 +191,24 @@ fn attributes_are_added_and_nothing_else_changes() {
 }
 
 #[test]
+fn a_glb_that_is_baked_again_stays_as_large() {
+    for options in [&["--vertex-attribute", "both"][..], &["--subdivide", "0.5"]] {
+        let home = tempfile::tempdir().unwrap();
+        let (mut path, _) = bake(&fixture("office/office.glb"), &home.path().join("0"), options);
+        let mut lengths = vec![];
+        for i in 1..4 {
+            lengths.push(std::fs::metadata(&path).unwrap().len());
+            path = bake(&path, &home.path().join(i.to_string()), options).0;
+            // Still whole.
+            load(&path);
+        }
+        // But for blanks.
+        assert!(lengths.iter().all(|length| length.abs_diff(lengths[0]) < 16), "{options:?}: {lengths:?}");
+        assert_eq!(lengths[1], lengths[2], "{options:?}");
+    }
+}
+
+#[test]
 fn a_scale_of_ones_own_clamps_and_says_so() {
     let (home, input) = (tempfile::tempdir().unwrap(), fixture("two-rooms/two-rooms.glb"));
     let options = ["--vertex-attribute", "color0", "--vertex-scale", "0.01"];

@@ -74,6 +74,7 @@ impl<'a> Container<'a> {
     ) -> Result<Bytes, Error> {
         let mut bytes = Bytes::default();
         let moved_into_bin = self.glb.then(|| self.first_buffer()).flatten();
+        let moved_into_bin = moved_into_bin.map(|old| &old[..former.leftover.bin.unwrap_or(old.len()).min(old.len())]);
         let fault = |e: Fault| Error::invalid(&self.document.path, e.to_string());
         let appended = if self.glb && (self.buffers.is_empty() || moved_into_bin.is_some()) {
             let old = moved_into_bin.map_or(0, <[u8]>::len);
@@ -82,9 +83,10 @@ impl<'a> Container<'a> {
             bin.pad(old.next_multiple_of(4));
             bin.append(appended.bytes.clone());
             let length = if appended.bytes.is_empty() { old } else { bin.len() };
+            let stored = |first: &Element<'_>| first.index_at("byteLength");
             match self.buffers.first() {
                 Some(first) if first.get("uri").is_some() => splice.replace(first, stored_buffer(first, None, length)),
-                Some(first) if length > old => {
+                Some(first) if length > old || stored(first).is_some_and(|stored| length < stored) => {
                     splice.set(first, "byteLength", length.to_string()).map_err(fault)?;
                 }
                 Some(_) => {}
@@ -96,8 +98,8 @@ impl<'a> Container<'a> {
             bytes.bin = (length > 0).then_some(bin);
             appended
         } else {
-            self.unpack_bin(splice, &mut bytes)?;
-            let appended = append.finish(self.buffers.len(), 0);
+            self.unpack_bin(splice, &mut bytes, former)?;
+            let appended = append.finish(former.leftover.buffers, 0);
             if !appended.bytes.is_empty() {
                 let file = beside(self.output, "lightmap.bin");
                 let uri = relative_uri(parent(self.output), &file)?;
@@ -110,7 +112,7 @@ impl<'a> Container<'a> {
         splice.append_at(root, "bufferViews", appended.views).map_err(fault)?;
         splice.append_at(root, "accessors", appended.accessors).map_err(fault)?;
         let skipped = usize::from(moved_into_bin.is_some());
-        self.rebase(splice, at(self.buffers.iter().skip(skipped), "uri"))?;
+        self.rebase(splice, at(self.buffers.iter().take(former.leftover.buffers).skip(skipped), "uri"))?;
         self.rebase(splice, at(root.array("images").iter().take(former.images), "uri"))?;
         let (textures, scenes) = (root.array("textures"), root.array("scenes"));
         let scenes = scenes.iter().enumerate().filter(|(i, _)| !former.scenes.contains(i)).map(|(_, scene)| scene);
@@ -131,12 +133,13 @@ impl<'a> Container<'a> {
     }
 
     /// GLB → glTF: the BIN chunk becomes a file.
-    fn unpack_bin(&self, splice: &mut Splice<'a>, bytes: &mut Bytes) -> Result<(), Error> {
+    fn unpack_bin(&self, splice: &mut Splice<'a>, bytes: &mut Bytes, former: &Former) -> Result<(), Error> {
         let (Some(first), Some(bin)) = (self.buffers.first(), &self.document.bin) else { return Ok(()) };
         if self.glb || first.get("uri").is_some() {
             return Ok(());
         }
         let length = first.index_at("byteLength").unwrap_or(bin.len()).min(bin.len());
+        let length = former.leftover.bin.unwrap_or(length).min(length);
         let file = beside(self.output, "bin");
         let uri = relative_uri(parent(self.output), &file)?;
         splice.replace(first, stored_buffer(first, Some(&uri), length));

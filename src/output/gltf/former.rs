@@ -5,10 +5,11 @@
 //!   they alone use, and `MOZ_lightmap` of materials that no primitive has. Without that, ten bakes in a row leave ten
 //!   pages, nine of them in folders that may be gone;
 //! * light at vertices, `_LIGHTMAP` and `COLOR_0`, of primitives that get other light, and `COLOR_0` of those that get none
-//!   where no manifest would tell any more that it is light.
+//!   where no manifest would tell any more that it is light; and of their numbers, what `leftover` says.
 //!
 //! Of arrays only the end goes, where bakes append, so no index changes its meaning. Other scenes keep their pages.
 
+use super::leftover::Leftover;
 use super::material::Assigned;
 use super::plan::Elements;
 use super::plan::Instance;
@@ -36,20 +37,24 @@ pub(super) struct Former {
     materials: Vec<usize>,
     /// Others follow, so arrays may be empty meanwhile.
     appends: bool,
+    /// What stays of accessors, buffer views and buffers.
+    pub(super) leftover: Leftover,
 }
 
 impl Former {
-    /// For a bake that edits `materials`, replaces the manifests of `scenes`, and `appends` textures.
+    /// For a bake that edits `materials`, replaces the manifests of `scenes`, and `appends` textures; `leftover`
+    /// is of light at its vertices.
     pub(super) fn new(
         root: &Element<'_>,
         elements: &Elements<'_>,
         materials: &Assigned,
         scenes: BTreeSet<usize>,
         appends: bool,
+        leftover: Leftover,
     ) -> Self {
         let textures = root.array("textures");
         let [images, samplers] = ["images", "samplers"].map(|key| root.array(key).len());
-        let mut all = Self { textures: textures.len(), images, samplers, scenes, materials: vec![], appends };
+        let mut all = Self { textures: textures.len(), images, samplers, scenes, materials: vec![], appends, leftover };
         let is_page = |t: usize| textures.get(t).is_some_and(|t| t.find(&["extras", "lightmap", "uri"]).is_some());
         if !(0..textures.len()).any(is_page) {
             return all;
@@ -110,7 +115,7 @@ impl Former {
         for material in self.materials.iter().filter_map(|&m| elements.materials.get(m)) {
             splice.replace(material, without_extension(material.text(), LIGHTMAP)?);
         }
-        Ok(())
+        self.leftover.leave_out(splice, root)
     }
 }
 
@@ -150,13 +155,19 @@ fn indices(element: &Element<'_>, key: &str, but: &str, found: &mut BTreeSet<usi
 }
 
 /// All indices in arrays at `key` anywhere within a value.
-fn numbers(element: &Element<'_>, key: &str, within: bool) -> BTreeSet<usize> {
+pub(super) fn numbers(element: &Element<'_>, key: &str, within: bool) -> BTreeSet<usize> {
     let mut found: BTreeSet<usize> = element.index().filter(|_| within).into_iter().collect();
     for (name, value) in element.members() {
         found.extend(numbers(&value, key, within || name == key));
     }
     found.extend(element.items().iter().flat_map(|item| numbers(item, key, within)));
     found
+}
+
+/// An attribute of a primitive holds light of a former bake.
+pub(super) fn is_light(document: &Document, [mesh, index]: [usize; 2], name: &str) -> bool {
+    let is_own = || document.baked_color.is_none() || document.root.attribute(mesh, index, "COLOR_0").is_some();
+    name == "_LIGHTMAP" || (name == "COLOR_0" && !is_own())
 }
 
 /// A primitive without light of a former bake at its vertices, but for attributes that stay or are written anew.
@@ -167,8 +178,7 @@ pub(super) fn without_light(
     stays: impl Fn(&str) -> bool,
 ) -> Result<String, Fault> {
     let root = Element::root(primitive)?;
-    let is_own = document.baked_color.is_none() || document.root.attribute(mesh, index, "COLOR_0").is_some();
-    let goes = |name: &str| !stays(name) && (name == "_LIGHTMAP" || (name == "COLOR_0" && !is_own));
+    let goes = |name: &str| !stays(name) && is_light(document, [mesh, index], name);
     let Some(attributes) = root.get("attributes") else { return Ok(primitive.to_owned()) };
     let mut kept = attributes.members();
     let before = kept.len();
@@ -203,7 +213,8 @@ mod tests {
             users.add(Some(1), None);
         }
         let (elements, assigned) = (Elements::new(&root), users.assign(2));
-        let former = Former::new(&root, &elements, &assigned, scenes.iter().copied().collect(), appends);
+        let leftover = Leftover { accessors: 0, views: 0, buffers: 0, bin: None };
+        let former = Former::new(&root, &elements, &assigned, scenes.iter().copied().collect(), appends, leftover);
         let mut splice = Splice::new(text);
         former.leave_out(&mut splice, &root, &elements).unwrap();
         serde_json::from_str(&splice.apply().unwrap()).unwrap()

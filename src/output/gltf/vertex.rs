@@ -23,6 +23,7 @@ use super::former::LIGHTMAP;
 use super::former::leave_out_colors;
 use super::former::without_light;
 use super::interpolate::extended;
+use super::leftover::Leftover;
 use super::manifests;
 use super::material::Assigned;
 use super::material::Use;
@@ -41,6 +42,7 @@ use crate::scene::Scene;
 use crate::vertices::VertexLight;
 use crate::vertices::VertexPart;
 use core::f32::consts::FRAC_1_PI;
+use std::collections::BTreeMap;
 
 /// Which attributes carry the light.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -102,6 +104,7 @@ pub fn write_vertex_gltf(
         vec![materials.any(|m| elements.materials.get(m).is_some_and(has_lightmap)).then_some(PLAIN)]
     };
     let materials = plan::material_users(&instances, &elements, use_of).assign(elements.materials.len());
+    let leftover = Leftover::new(&root, document, &elements, &instances);
     let mut writer = Writer {
         scene,
         light,
@@ -110,10 +113,13 @@ pub fn write_vertex_gltf(
         settings,
         scale: settings.scale.unwrap_or_else(|| largest(scene, light, settings)),
         clamped: 0,
-        append: Append::new(root.array("bufferViews").len(), elements.accessors.len()),
+        refined: BTreeMap::new(),
+        append: Append::new(leftover.views, leftover.accessors),
     };
-    let former = Former::new(&root, &elements, &materials, super::scenes_of(&root, &elements, &instances), false);
+    let scenes = super::scenes_of(&root, &elements, &instances);
+    let former = Former::new(&root, &elements, &materials, scenes, false, leftover);
     let mut splice = Splice::new(&document.json);
+    instances.iter().try_for_each(|i| writer.refine(i))?;
     let texts: Result<Vec<String>, Error> = instances.iter().map(|i| writer.mesh(i)).collect();
     super::place_meshes(&mut splice, &root, &elements, &instances, texts?).map_err(fault)?;
     let elsewhere = super::shown_beside(&root, &elements, &former.scenes);
@@ -192,7 +198,16 @@ struct Writer<'a> {
     scale: f32,
     /// Vertices above it.
     clamped: u64,
+    /// Of parts that get all their vertices anew, the accessors.
+    refined: BTreeMap<usize, Refined>,
     append: Append,
+}
+
+/// Accessors of a primitive that gets all its vertices anew.
+struct Refined {
+    /// By attribute.
+    attributes: BTreeMap<String, usize>,
+    indices: usize,
 }
 
 impl Writer<'_> {
@@ -209,6 +224,30 @@ impl Writer<'_> {
             text += &format!(", \"color\": {{\"attribute\": \"COLOR_0\", \"scale\": {scale}, \"white\": {white}}}");
         }
         text + "}"
+    }
+
+    /// Writes the new vertices of an instance, before any light: the next bake takes light from the end.
+    fn refine(&mut self, instance: &Instance<usize>) -> Result<(), Error> {
+        let fault = |e: Fault| Error::invalid(&self.scene.document.path, e.to_string());
+        for (&i, &p) in &instance.baked {
+            let primitive = &self.elements.primitives[instance.mesh][i];
+            if !self.light.parts[p].refined && !plan::is_compressed(primitive) {
+                continue;
+            }
+            let place = [instance.mesh, i];
+            let plain = without_light(primitive.text(), &self.scene.document, place, |_| false).map_err(fault)?;
+            let root = Element::root(&plain).map_err(fault)?;
+            let mut attributes = BTreeMap::new();
+            for (name, element) in root.get("attributes").map(|a| a.members()).unwrap_or_default() {
+                if !self.writes(&name) {
+                    let accessor = self.interpolated(&name, &element, p)?;
+                    attributes.insert(name, accessor);
+                }
+            }
+            let indices = self.indices(p);
+            self.refined.insert(p, Refined { attributes, indices });
+        }
+        Ok(())
     }
 
     fn mesh(&mut self, instance: &Instance<usize>) -> Result<String, Error> {
@@ -237,16 +276,13 @@ impl Writer<'_> {
         let plain = plan::uncompressed(text).map_err(fault)?;
         let root = Element::root(&plain).map_err(fault)?;
         let mut splice = Splice::new(&plain);
-        let part = &self.light.parts[p];
-        if part.refined || plain != text {
+        if let Some(refined) = self.refined.get(&p) {
             for (name, element) in root.get("attributes").map(|a| a.members()).unwrap_or_default() {
-                if !self.writes(&name) {
-                    let accessor = self.interpolated(&name, &element, p)?;
+                if let Some(accessor) = refined.attributes.get(&name) {
                     splice.replace(&element, accessor.to_string());
                 }
             }
-            let indices = self.indices(p);
-            splice.set(&root, "indices", indices.to_string()).map_err(fault)?;
+            splice.set(&root, "indices", refined.indices.to_string()).map_err(fault)?;
             if root.index_at("mode").is_some_and(|mode| mode != 4) {
                 splice.set(&root, "mode", "4").map_err(fault)?;
             }
