@@ -9,7 +9,8 @@
 //! what was at +x comes to −z.
 //!
 //! Negative values, which filters leave in EXR files, count as 0, with a warning (`negative-environment`). Not-a-number
-//! and infinity are errors. An EXR whose only colour is `Y` is grey.
+//! and infinity are errors. An EXR whose only colour is `Y` is grey. The display window of an EXR is the sphere: where its
+//! layer has no pixels it is black, and what of a layer lies beyond is left out.
 //!
 //! Bounds, checked before anything is decoded: [`MAX_PIXELS`], [`PIXELS_PER_BYTE`].
 
@@ -27,6 +28,8 @@ use std::path::Path;
 const MAX_PIXELS: u64 = 1 << 27;
 /// Most pixels that a byte of file can stand for: zlib packs 1032 : 1, and a pixel takes 4 bytes or more before that.
 const PIXELS_PER_BYTE: u64 = 258;
+/// Most channels that a message names.
+const SHOWN_CHANNELS: usize = 8;
 
 /// Light from infinity by picture.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -177,37 +180,79 @@ fn put((width, pixels): &mut Rows, at: exr::math::Vec2<usize>, value: Rgb) {
     }
 }
 
-fn read_exr(bytes: &[u8]) -> Result<Picture, Error> {
-    use exr::prelude::{ReadChannels, ReadLayers, ReadSpecificChannel};
-    let broken =
-        |e: exr::error::Error| Error::invalid(format!("environment map: it cannot be read as an EXR picture: {e}"));
-    let meta = exr::meta::MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(broken)?;
+/// A layer in its place of the window that is shown.
+fn placed((width, pixels): Rows, from: exr::math::Vec2<i32>, window: exr::meta::attribute::IntegerBounds) -> Picture {
+    let (size, to) = (window.size, window.position);
+    let offset = [from.x() as isize - to.x() as isize, from.y() as isize - to.y() as isize];
+    let picture = |pixels| (size.width() as u32, size.height() as u32, pixels);
+    if offset == [0, 0] && width == size.width() && pixels.len() == size.area() {
+        return picture(pixels);
+    }
+    let at = |i: usize, offset: isize, end: usize| i.checked_add_signed(offset).filter(|&i| i < end);
+    let mut shown = blank(size).1;
+    for (y, row) in pixels.chunks(width.max(1)).enumerate() {
+        let Some(y) = at(y, offset[1], size.height()) else { continue };
+        for (x, pixel) in row.iter().enumerate() {
+            if let Some(x) = at(x, offset[0], size.width()) {
+                shown[y * size.width() + x] = *pixel;
+            }
+        }
+    }
+    picture(shown)
+}
+
+/// Checks sizes and tiles; says whether the only colour is `Y`.
+fn check_headers(meta: &exr::meta::MetaData, bytes: usize) -> Result<bool, Error> {
     for header in &meta.headers {
-        check_size(header.layer_size.width() as u64, header.layer_size.height() as u64, bytes.len())?;
+        for size in [header.layer_size, header.shared_attributes.display_window.size] {
+            check_size(size.width() as u64, size.height() as u64, bytes)?;
+        }
         if !has_sound_tiles(header) {
             let what = "environment map: its tiles are larger than the picture, and beyond a million texels";
             return Err(Error::invalid(what));
         }
     }
-    let has = |name: &str| {
-        let channels = meta.headers.iter().flat_map(|header| &header.channels.list);
-        channels.map(|channel| channel.name.to_string()).any(|own| own == name)
+    let names = |header: &exr::meta::header::Header| -> Vec<String> {
+        header.channels.list.iter().map(|channel| channel.name.to_string()).collect()
     };
-    let is_grey = has("Y") && !["R", "G", "B", "RY", "BY"].into_iter().any(has);
+    let layers: Vec<Vec<String>> = meta.headers.iter().map(names).collect();
+    let has = |layer: &[String], name: &str| layer.iter().any(|own| own == name);
+    let any = |name: &str| layers.iter().any(|layer| has(layer, name));
+    let is_grey = any("Y") && !["R", "G", "B", "RY", "BY"].into_iter().any(any);
+    if !is_grey && !layers.iter().any(|layer| ["R", "G", "B"].into_iter().all(|name| has(layer, name))) {
+        let all = layers.concat();
+        let more = if all.len() > SHOWN_CHANNELS { ", …" } else { "" };
+        let shown = all[..all.len().min(SHOWN_CHANNELS)].join(", ");
+        let what = format!(
+            "environment map: it needs channels named R, G and B, or Y alone, and has {shown}{more}; of a picture of \
+             several layers, save the one that is the map by itself"
+        );
+        return Err(Error::unsupported(what));
+    }
+    Ok(is_grey)
+}
+
+fn read_exr(bytes: &[u8]) -> Result<Picture, Error> {
+    use exr::prelude::{ReadChannels, ReadLayers, ReadSpecificChannel};
+    let broken =
+        |e: exr::error::Error| Error::invalid(format!("environment map: it cannot be read as an EXR picture: {e}"));
+    let meta = exr::meta::MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(broken)?;
     let read = exr::prelude::read().no_deep_data().largest_resolution_level();
-    let (size, pixels) = if is_grey {
+    let (pixels, from, window) = if check_headers(&meta, bytes.len())? {
         let create = |size, _: &_| blank(size);
         let set = |map: &mut _, at, (y,): (f32,)| put(map, at, Rgb::splat(y));
         let read = read.specific_channels().required("Y").collect_pixels(create, set);
-        let layer = read.first_valid_layer().all_attributes().from_buffered(Cursor::new(bytes)).map_err(broken)?;
-        (layer.layer_data.size, layer.layer_data.channel_data.pixels.1)
+        let image = read.first_valid_layer().all_attributes().from_buffered(Cursor::new(bytes)).map_err(broken)?;
+        let layer = image.layer_data;
+        (layer.channel_data.pixels, layer.attributes.layer_position, image.attributes.display_window)
     } else {
         let set = |map: &mut _, at, (r, g, b): (f32, f32, f32)| put(map, at, Rgb::new(r, g, b));
         let read = read.rgb_channels(|size, _| blank(size), set);
-        let layer = read.first_valid_layer().all_attributes().from_buffered(Cursor::new(bytes)).map_err(broken)?;
-        (layer.layer_data.size, layer.layer_data.channel_data.pixels.1)
+        let image = read.first_valid_layer().all_attributes().from_buffered(Cursor::new(bytes)).map_err(broken)?;
+        let layer = image.layer_data;
+        (layer.channel_data.pixels, layer.attributes.layer_position, image.attributes.display_window)
     };
-    Ok((size.width() as u32, size.height() as u32, pixels))
+    Ok(placed(pixels, from, window))
 }
 
 #[cfg(test)]

@@ -38,6 +38,7 @@ mod layers;
 mod leaks;
 mod light;
 mod lost_light;
+mod map_files;
 mod mips;
 mod near;
 mod normal_maps;
