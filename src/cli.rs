@@ -2,7 +2,7 @@
 
 use crate::check::Kind;
 use crate::settings::{Options, Preset};
-use clap::{Parser, Subcommand};
+use clap::{Arg, Parser, Subcommand};
 use std::path::PathBuf;
 
 const AFTER_HELP: &str = "\
@@ -44,8 +44,15 @@ pub enum Command {
     Place,
 }
 
+/// Takes what looks like a negative number for the option's value, so that it is told its range.
+fn with_negative(option: Arg) -> Arg {
+    let takes = option.get_long().is_some() && option.get_action().takes_values();
+    option.allow_negative_numbers(takes)
+}
+
 /// `bake`.
 #[derive(Debug, clap::Args)]
+#[command(mut_args(with_negative))]
 pub struct Bake {
     /// The .gltf or .glb to bake
     #[arg(value_name = "IN")]
@@ -100,6 +107,7 @@ fn usda(typed: &str) -> Result<PathBuf, String> {
 
 /// `inspect`.
 #[derive(Debug, clap::Args)]
+#[command(mut_args(with_negative))]
 pub struct Inspect {
     /// The .gltf or .glb to look at
     #[arg(value_name = "IN")]
@@ -123,6 +131,7 @@ pub struct Inspect {
 
 /// `compare`.
 #[derive(Debug, clap::Args)]
+#[command(mut_args(with_negative))]
 pub struct Compare {
     /// The picture to trust
     #[arg(value_name = "REF")]
@@ -143,6 +152,7 @@ pub struct Compare {
 
 /// `render`.
 #[derive(Debug, clap::Args)]
+#[command(mut_args(with_negative))]
 pub struct Render {
     /// A glTF that `bake` wrote
     #[arg(value_name = "BAKED")]
@@ -166,7 +176,7 @@ pub struct Render {
     #[arg(long, value_name = "N", default_value_t = 16)]
     pub samples: u32,
     /// Exposure in stops [default: by the picture's log-average]
-    #[arg(long, value_name = "STOPS", allow_negative_numbers = true, value_parser = stops)]
+    #[arg(long, value_name = "STOPS", value_parser = stops)]
     pub exposure: Option<f32>,
     /// Show charts or texel density instead of light
     #[arg(long, value_enum, default_value = "none")]
@@ -178,6 +188,7 @@ pub struct Render {
 
 /// `check`.
 #[derive(Debug, clap::Args)]
+#[command(mut_args(with_negative))]
 pub struct Check {
     /// A glTF with a lightmap
     #[arg(value_name = "BAKED")]

@@ -7,6 +7,7 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 #[cfg(unix)]
 use std::sync::Arc;
+use texelwalk::atlas;
 use texelwalk::bake::{self, Observer, Request};
 use texelwalk::check::{self, Baked};
 use texelwalk::cli;
@@ -111,6 +112,7 @@ fn start_threads(threads: Option<usize>) -> Result<(), (Exit, String)> {
 fn bake_exit(error: &bake::Error) -> Exit {
     match error {
         bake::Error::Scene(e) => scene_exit(e),
+        bake::Error::Atlas(atlas::Error::Setting(_)) => Exit::Usage,
         bake::Error::Atlas(_) | bake::Error::Memory(_) => Exit::Failed,
         bake::Error::Output(e) | bake::Error::Html(html::Error::Output(e)) => output_exit(e),
         bake::Error::Html(html::Error::Render(_)) => Exit::Failed,

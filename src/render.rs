@@ -99,9 +99,9 @@ pub struct Picture {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Error {
     /// The document has no such camera.
-    #[error("there is no camera {index}; the document has {count}{}", if *count == 0 { ", try --auto" } else { "" })]
+    #[error("there is no camera {index} that can be used; the document has {count}{}", if *count == 0 { ", try --auto" } else { "" })]
     NoCamera {
-        /// The index asked for.
+        /// The number asked for.
         index: usize,
         /// How many there are.
         count: usize,

@@ -231,7 +231,7 @@ pub struct Options {
     #[arg(long, value_name = "X", help_heading = "Scene")]
     pub environment_intensity: Option<f32>,
     /// Rotation of the environment around +y, counter-clockwise from above [default: 0]
-    #[arg(long, value_name = "DEGREES", help_heading = "Scene", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEGREES", help_heading = "Scene")]
     pub environment_rotation: Option<f32>,
 
     /// Worker threads; the result never depends on it [default: all CPUs]

@@ -106,6 +106,17 @@ fn usage_errors_are_code_2() {
         let said = text(&expect(&all, 2).stderr);
         assert!(said.contains("error"), "{more:?}: {said}");
     }
+    // What is out of range is told its range, negative or not.
+    for (option, value, told) in [
+        ("--sun-angle", "-3", "--sun-angle -3"),
+        ("--texels-per-meter", "-1", "--texels-per-meter -1"),
+        ("--gather", "-1", "invalid value '-1' for '--gather"),
+        ("--padding", "16", "padding of 16 texels"),
+        ("--mips", "4", "4 clean mip levels"),
+    ] {
+        let said = text(&expect(&["bake", path(&office), "-o", out, "--page-size", "32", option, value], 2).stderr);
+        assert!(said.contains(told), "{option}: {said}");
+    }
     let config = home.path().join("c.toml");
     fs::write(&config, "gatherr = 3\n").unwrap();
     let said = text(&expect(&["bake", path(&office), "-o", out, "--config", path(&config)], 2).stderr);
@@ -128,6 +139,7 @@ fn usage_errors_are_code_2() {
     for words in [
         &["compare", "a.exr", "b.exr", "--fail", "nan"][..],
         &["compare", "a.exr", "b.exr", "--fail=-1"],
+        &["render", "a.glb", "-o", "a.png", "--camera", "-1"],
         &["render", "a.glb", "-o", "a.png", "--exposure", "nan"],
         &["render", "a.glb", "-o", "a.png", "--exposure", "inf"],
         &["render", "a.glb", "-o", "a.jpg"],

@@ -20,10 +20,11 @@ impl MemoryLimit {
     }
 }
 
-/// For people: `the limit of 8.0 GiB`.
+/// For people: `the limit of 8.0 GiB`, or of less than a MiB as it is: nothing fits into `0 MiB`.
 impl fmt::Display for MemoryLimit {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Self::Asked(limit @ 0..0x10_0000) => write!(f, "the limit of {limit} bytes"),
             Self::Asked(limit) => write!(f, "the limit of {}", in_words(*limit)),
             Self::Machine(limit) => write!(f, "the {} of this machine", in_words(*limit)),
         }
@@ -49,6 +50,7 @@ mod tests {
             assert_eq!([6, 7, 8].map(|bytes| limit.refuses(bytes)), [false, false, true]);
         }
         assert_eq!(MemoryLimit::Asked(3 << 20).to_string(), "the limit of 3 MiB");
+        assert_eq!(MemoryLimit::Asked(7 << 10).to_string(), "the limit of 7168 bytes");
         assert_eq!(MemoryLimit::Machine(5 << 29).to_string(), "the 2.5 GiB of this machine");
     }
 }

@@ -30,8 +30,11 @@ pub(super) fn settings(view: View, [width, height]: [u32; 2], samples: u32) -> S
 }
 
 pub(super) fn views(subject: &Subject<'_>, tracer: &Tracer<'_>, lit: &Lightmaps) -> Result<Vec<ViewPictures>, Error> {
-    let cameras = tracer.scene().cameras.len().min(MOST_VIEWS);
-    let all = if cameras == 0 { vec![View::Auto] } else { (0..cameras).map(View::Camera).collect() };
+    let cameras = tracer.scene().cameras.iter().take(MOST_VIEWS);
+    let mut all: Vec<View> = cameras.map(|camera| View::Camera(camera.number)).collect();
+    if all.is_empty() {
+        all.push(View::Auto);
+    }
     let on_pages = subject.vertices.is_none();
     all.into_iter().map(|view| one(subject, tracer, lit, view, on_pages)).collect()
 }

@@ -20,6 +20,7 @@ use crate::base::Warning;
 use crate::light as lights;
 use crate::memory::Estimate;
 use crate::scene;
+use crate::scene::Scene;
 use crate::settings::Settings;
 use crate::trace::Tracer;
 use std::path::Path;
@@ -43,8 +44,8 @@ pub struct Facts {
     pub lights: Vec<LightFacts>,
     /// Names of the variants of the materials.
     pub variants: Vec<String>,
-    /// Names of the cameras.
-    pub cameras: Vec<String>,
+    /// Names of the cameras by their number; `None` if it cannot be used.
+    pub cameras: Vec<Option<String>>,
     /// Density that was reached [texels/m].
     pub texels_per_meter: f32,
     /// Lightmap pages.
@@ -107,7 +108,7 @@ pub fn inspect(input: &Path, settings: &Settings) -> Result<Facts, Error> {
         materials,
         lights: (0..scene.lights.len()).map(|i| light::light(&scene, i)).chain(light::image(&scene)).collect(),
         variants: scene.document.root.variants().into_iter().map(str::to_owned).collect(),
-        cameras: scene.cameras.iter().map(|c| c.name.clone()).collect(),
+        cameras: names_of_cameras(&scene),
         texels_per_meter: atlas.texels_per_meter,
         pages: atlas.pages,
         page_size: atlas.page_size,
@@ -135,4 +136,11 @@ impl Facts {
     pub fn to_json(&self) -> String {
         serde_json::to_string_pretty(self).map_or(String::new(), |s| s + "\n")
     }
+}
+
+fn names_of_cameras(scene: &Scene) -> Vec<Option<String>> {
+    let count = scene.cameras.last().map_or(0, |last| last.number + 1);
+    let mut names = vec![None; count];
+    scene.cameras.iter().for_each(|camera| names[camera.number] = Some(camera.name.clone()));
+    names
 }

@@ -56,8 +56,9 @@ impl Facts {
         for v in &self.variants {
             writeln!(out, "variant: {v}")?;
         }
-        for (i, c) in self.cameras.iter().enumerate() {
-            writeln!(out, "camera {i}: {c}")?;
+        for (i, name) in self.cameras.iter().enumerate() {
+            let name = name.as_deref().unwrap_or("cannot be used");
+            writeln!(out, "camera {i}: {name}")?;
         }
         Ok(())
     }

@@ -74,16 +74,18 @@ const JUDGES: [usize; 2] = [16, 9];
 
 pub(super) fn eye(shot: &Shot<'_>, view: View, aspect: f32) -> Result<Eye, Error> {
     let cameras = &shot.scene.cameras;
-    let index = match view {
-        View::Camera(index) => index,
-        View::Default if !cameras.is_empty() => 0,
+    let camera = match view {
+        View::Camera(index) => {
+            let camera = cameras.iter().find(|camera| camera.number == index);
+            camera.ok_or(Error::NoCamera { index, count: cameras.len() })?
+        }
+        View::Default if !cameras.is_empty() => &cameras[0],
         View::Default | View::Auto => return Ok(auto(shot, aspect)),
         View::Toward(Toward { position, target, yfov, cut }) => {
             let cut = cut.map(|(normal, height)| (target + normal * height, normal));
             return Ok(Eye { cut, ..Eye::looking(position, target, yfov, aspect) });
         }
     };
-    let camera = cameras.get(index).ok_or(Error::NoCamera { index, count: cameras.len() })?;
     Ok(Eye::of(camera, aspect))
 }
 

@@ -9,16 +9,17 @@ use super::schema::Root;
 use crate::base::Warning;
 use glam::DMat4;
 
-/// All cameras of the scene, in document order, also of invisible nodes.
+/// All cameras of the scene, in document order, also of invisible nodes. Those that cannot be used are
+/// left out, but keep their number: `render --camera` counts what one sees in the document.
 pub(super) fn read(root: &Root, walk: &Walk, warnings: &mut Vec<Warning>) -> Vec<Camera> {
     let mut cameras = Vec::new();
-    for placed in &walk.placed {
-        let Some(index) = root.nodes[placed.node].camera else { continue };
+    let with_camera = walk.placed.iter().filter_map(|placed| Some((placed, root.nodes[placed.node].camera?)));
+    for (number, (placed, index)) in with_camera.enumerate() {
         let name = root.node_name(placed.node);
         let camera = root.cameras.get(index).and_then(projection).zip(unscaled(walk.worlds[placed.node]));
         match camera {
             Some((projection, world)) => {
-                cameras.push(Camera { name, world_from_camera: world.as_mat4(), projection });
+                cameras.push(Camera { number, name, world_from_camera: world.as_mat4(), projection });
             }
             None => {
                 let what = format!("the camera of node {name} is missing or has no usable lens; it was left out");

@@ -183,6 +183,8 @@ pub struct Part {
 /// A camera of the document.
 #[derive(Debug, Clone)]
 pub struct Camera {
+    /// Its place among the nodes with a camera, those that cannot be used included.
+    pub number: usize,
     /// Name of its node, for messages.
     pub name: String,
     /// Looks along −z, y up.

@@ -35,6 +35,7 @@ fn square() -> Scene {
     scene.vertices.uv.push(scene.vertices.position.iter().map(uv).collect());
     scene.parts[0].has_uv1 = true;
     scene.cameras.push(Camera {
+        number: 0,
         name: "front".into(),
         world_from_camera: Mat4::from_translation(Vec3::new(0.0, 0.0, 5.0)),
         projection: Projection::Orthographic { xmag: 1.0, ymag: 1.0 },

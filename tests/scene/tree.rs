@@ -47,12 +47,14 @@ fn cameras() {
         "nodes",
         json!({"name": "eye", "camera": 0, "rotation": [0, 1, 0, 0], "translation": [1, 2, 3], "scale": [2, 3, 4]}),
     );
-    b.push("nodes", json!({"camera": 1}));
     b.push("nodes", json!({"camera": 2}));
+    b.push("nodes", json!({"camera": 1}));
     let loaded = load_with(&b, &NONE);
     assert_eq!(loaded.warnings[0].code, "bad-camera");
     let [eye, plan] = loaded.output.cameras.as_slice() else { panic!() };
     assert_eq!(eye.name, "eye");
+    // The one that is left out has a number, too.
+    assert_eq!([eye.number, plan.number], [0, 2]);
     assert!(matches!(eye.projection, Projection::Perspective { yfov: 0.5, aspect: Some(2.0) }));
     let at = |p: Vec3| eye.world_from_camera.transform_point3(p);
     assert!(near(at(Vec3::NEG_Z), Vec3::new(1., 2., 4.)) && near(at(Vec3::X), Vec3::new(0., 2., 3.)));
