@@ -3,12 +3,14 @@
 //! In: patches with their light. Out: a warning (`thin-wall`) for each node on which dark texels lie beside lit ones of the
 //! same chart that they cannot see, so near that a look-up mixes both: neighbours, or with one texel between them that both
 //! sides read. What is dark must go on: the end of a board that sticks in a wall is dark behind it, and there is nothing that
-//! light could leak into. `check` looks closer (`leaks`, `dark-strip`), at points instead of texels.
+//! light could leak into. Nor is anything parted around whose end both see the texel beside them: light and shadow meet at
+//! the corner of a solid box. `check` looks closer (`leaks`, `dark-strip`), at points instead of texels.
 
 use crate::atlas::Atlas;
 use crate::base::{Rgb, Warning, parallel};
 use crate::patches::{COS_FACING, HEIGHTS, Patches};
 use crate::trace::{Ray, Tracer};
+use glam::Vec3;
 use std::collections::BTreeMap;
 
 /// Light over that on the other side, below which a texel is dark.
@@ -17,6 +19,10 @@ const DARK: f32 = 0.01;
 const LIT: f32 = 0.05;
 /// Texels that are dark, one behind the other, before it is a place and no stub.
 const DEEP: i32 = 2;
+/// Where one looks from beside two texels, before and behind its middle, in edges: a sheet through that hides one of them.
+const ASIDE: f32 = 0.2;
+/// Parts of a texel's side to look for a point in the open at.
+const CELLS: u32 = 8;
 /// Texels per chunk of work.
 const CHUNK: usize = 1024;
 
@@ -71,11 +77,7 @@ impl Look<'_> {
     /// Texels to the right of a texel, and below, that it is mixed with and parted from.
     fn pairs(&self, i: usize) -> Vec<Pair> {
         let patches = self.patches;
-        let (page, (x, y)) = (patches.page(i), patches.texel_xy(i));
-        let at = |axis: usize, steps: i32| {
-            let (dx, dy) = if axis == 0 { (steps, 0) } else { (0, steps) };
-            patches.front_at(page, x as i32 + dx, y as i32 + dy).filter(|&j| patches.chart(j) == patches.chart(i))
-        };
+        let at = |axis: usize, steps: i32| self.near(i, axis, [steps, 0]);
         let mut pairs = vec![];
         for axis in [0, 1] {
             // The dark texel of a pair lies `steps` away, or is texel i; from there on it must stay dark.
@@ -84,13 +86,62 @@ impl Look<'_> {
                 (1..DEEP).all(|k| at(axis, from + k * way).is_some_and(|j| self.is_dark_beside(j, lit)))
             };
             let Some(next) = at(axis, 1) else { continue };
-            pairs.extend(self.parted(i, next).filter(|pair| goes_on(pair, 1)));
+            pairs.extend(self.parted(i, next).filter(|pair| goes_on(pair, 1) && !self.meet_beside([i, next], axis, 1)));
             let Some(after) = at(axis, 2) else { continue };
             let read = |j: usize, low: bool| self.reaches(j, axis, low);
             let is_read = || patches.exposed[next] > 0.0 || (read(i, false) && read(after, true));
-            pairs.extend(self.parted(i, after).filter(|pair| is_read() && goes_on(pair, 2)));
+            pairs.extend(
+                self.parted(i, after)
+                    .filter(|pair| is_read() && goes_on(pair, 2) && !self.meet_beside([i, after], axis, 2)),
+            );
         }
         pairs
+    }
+
+    /// The texel of the same chart so many steps along an axis of the page, and across it.
+    fn near(&self, i: usize, axis: usize, [along, across]: [i32; 2]) -> Option<usize> {
+        let patches = self.patches;
+        let (page, (x, y)) = (patches.page(i), patches.texel_xy(i));
+        let (dx, dy) = if axis == 0 { (along, across) } else { (across, along) };
+        patches.front_at(page, x as i32 + dx, y as i32 + dy).filter(|&j| patches.chart(j) == patches.chart(i))
+    }
+
+    /// A texel beside two texels sees both, from before and behind its middle.
+    fn meet_beside(&self, both: [usize; 2], axis: usize, steps: i32) -> bool {
+        let patches = self.patches;
+        let way = (patches.position[both[1]] - patches.position[both[0]]).normalize_or_zero();
+        let sees_both = |j: usize| {
+            let (middle, aside) = (self.nearest(j, patches.position[j]), way * (ASIDE * patches.texel_edge(j)));
+            let from = [middle + aside, middle - aside];
+            from.iter().all(|&from| both.iter().all(|&i| self.sees([j, i], [from, self.nearest(i, from)])))
+        };
+        let places = (0..=steps).flat_map(|along| [[along, -1], [along, 1]]);
+        let beside = places.filter_map(|place| self.near(both[0], axis, place));
+        beside.filter(|&j| patches.exposed[j] > 0.0).any(sees_both)
+    }
+
+    /// The point of a texel in the open that is nearest to another one [m]. The middle of a texel around the corner of a
+    /// box lies within that.
+    fn nearest(&self, i: usize, to: Vec3) -> Vec3 {
+        let (mut nearest, mut least) = (self.patches.position[i], f32::INFINITY);
+        self.patches.cells(i, CELLS, |point, _, _| {
+            let position = self.tracer.scene().position(point.triangle, point.b);
+            let distance = position.distance_squared(to);
+            if distance < least {
+                (nearest, least) = (position, distance);
+            }
+        });
+        nearest
+    }
+
+    /// A ray from a place of one texel to one of the other meets nothing, at some height.
+    fn sees(&self, texels: [usize; 2], places: [Vec3; 2]) -> bool {
+        let patches = self.patches;
+        let edge = patches.texel_edge(texels[0]).min(patches.texel_edge(texels[1]));
+        !HEIGHTS.iter().all(|height| {
+            let [origin, target] = [0, 1].map(|k| places[k] + patches.normal[texels[k]] * (height * edge));
+            self.tracer.occluded(&Ray { origin, direction: target - origin, t_max: 1.0 })
+        })
     }
 
     /// A texel is in the open, and dark beside that one.
@@ -113,13 +164,8 @@ impl Look<'_> {
         if !open || a.max(b) <= self.least || a.min(b) >= DARK * a.max(b) {
             return None;
         }
-        let edge = patches.texel_edge(i).min(patches.texel_edge(j));
-        let blocked = HEIGHTS.iter().all(|height| {
-            let origin = patches.position[i] + patches.normal[i] * (height * edge);
-            let target = patches.position[j] + patches.normal[j] * (height * edge);
-            self.tracer.occluded(&Ray { origin, direction: target - origin, t_max: 1.0 })
-        });
         let facing = patches.normal[i].dot(patches.normal[j]) >= COS_FACING;
+        let blocked = !self.sees([i, j], [i, j].map(|k| patches.position[k]));
         (blocked && facing).then_some(if a > b { (i, j) } else { (j, i) })
     }
 }

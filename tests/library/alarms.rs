@@ -53,3 +53,19 @@ fn the_end_of_a_board_in_a_wall_is_nothing_that_light_leaks_into() {
     // A board that goes on behind the wall has a dark part.
     assert!(thin_walls(0.6) > 0);
 }
+
+#[test]
+fn light_and_shadow_that_meet_at_the_corner_of_a_box_are_parted_by_no_wall() {
+    let floor = Quad::new([-2.0, 0.0, 2.0], [4.0, 0.0, 0.0], [0.0, 0.0, -4.0], grey(0.5));
+    let sides = Quad::room([-0.3, 0.0, -0.3], [0.6, 0.6, 0.6], grey(0.5)).into_iter().map(|side| {
+        let out = side.middle() - Vec3::Y * 0.3;
+        side.facing(out)
+    });
+    let quads: Vec<Quad> = core::iter::once(floor).chain(sides).collect();
+    for at in [[1.0, 1.5, 0.5], [1.5, 2.0, 1.1], [0.8, 1.5, 0.2]] {
+        let scene = Scene { quads: quads.clone(), lights: vec![] };
+        let scene = scene.with(json!({"type": "point", "intensity": 100.0}), Vec3::from_array(at), Vec3::Y);
+        let baked = scene.bake(&["--preset", "preview", "--texels-per-meter", "16"]);
+        assert_eq!(baked.report["warnings"], json!([]), "{at:?}");
+    }
+}
