@@ -171,13 +171,8 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
     let tracer = tracer.with_sides(patches.sides_of_walls());
     let turned = sides::turn(&tracer, &lights, &atlas, &mut patches, settings, &mut clock)?;
     warnings.extend(turned.warnings);
-    let (graph, ways, outlook) = clock.timed("links", |progress| {
-        patches.find_overlaid(&tracer, progress);
-        let graph = turned.graph.unwrap_or_else(|| PatchGraph::new(&patches, &tracer, progress));
-        let ways = solve::held_ways(settings, &patches, &graph);
-        let outlook = (settings.splat == SplatMode::Share).then(|| Outlook::find(&tracer, &patches, progress));
-        (graph, ways, outlook)
-    })?;
+    let (graph, ways, outlook) =
+        clock.timed("links", |progress| links(&tracer, &mut patches, turned.graph, settings, progress))?;
     let facts = write::Facts { request, tracer: &tracer, scene: &scene, atlas: &atlas, patches: &patches };
     let seams = clock.timed("seams", |progress| Seams::new(&tracer, &atlas, &patches, progress))?;
     let openness = if settings.wants_openness() {
@@ -230,6 +225,21 @@ pub fn bake(request: &Request, observer: &dyn Observer, progress: Arc<Progress>)
         warnings.extend(bright::warning(&results, settings.quantity));
     }
     facts.write(&solution, results, warnings, &mut clock)
+}
+
+/// What light of the patches flows over, that of the front ones where it is worth holding, and what they look at.
+fn links(
+    tracer: &Tracer<'_>,
+    patches: &mut Patches,
+    known: Option<PatchGraph>,
+    settings: &Settings,
+    progress: &Progress,
+) -> (PatchGraph, Option<finish::Ways>, Option<Outlook>) {
+    patches.find_overlaid(tracer, progress);
+    let graph = known.unwrap_or_else(|| PatchGraph::new(patches, tracer, progress));
+    let ways = solve::held_ways(settings, patches, &graph);
+    let outlook = (settings.splat == SplatMode::Share).then(|| Outlook::find(tracer, patches, progress));
+    (graph, ways, outlook)
 }
 
 /// The document, and the environment that the settings name.
