@@ -26,7 +26,7 @@ use crate::gather::{self, Gathered, Openness};
 use crate::light::glare::{Glare, Glared, Sent};
 use crate::light::{self, Emitters, Openings, shoot};
 use crate::output::report;
-use crate::patches::{Outlook, PatchGraph, Patches, Shine, Tilts};
+use crate::patches::{Dimness, Outlook, PatchGraph, Patches, Shine, Tilts};
 use crate::settings::{DirectMode, Settings, SplatMode};
 use crate::trace::Tracer;
 use crate::walk::{self, EmittedLines, Splat, Walk};
@@ -68,9 +68,9 @@ pub(super) fn held_ways(settings: &Settings, patches: &Patches, graph: &PatchGra
 }
 
 impl Setup<'_> {
-    /// How bright it is around each patch, over the mean of the light; empty for nowhere dimmer.
-    fn dimness(&self, light: &[f32]) -> Vec<f32> {
-        self.outlook.map_or(vec![], |outlook| outlook.dimness(self.patches, light))
+    /// How bright it is around each patch, over the mean of the light.
+    fn dimness(&self, light: &[f32]) -> Dimness<'_> {
+        self.outlook.map_or_else(Dimness::default, |outlook| outlook.dimness(self.patches, light))
     }
 
     /// What light of the first `n` patches flows over.
@@ -460,7 +460,7 @@ impl<'a> Solver<'a> {
         if all > first && viewers > 0 && !progress.cancelled() {
             let error = Errors::of_noise(&glared.halves());
             let mean = (all - first) as f32 * viewers as f32 / setup.patches.front as f32;
-            let samples = gather::second_round(&error.around(&setup.network()), &[], mean);
+            let samples = gather::second_round(&error.around(&setup.network()), &Dimness::default(), mean);
             sampler.add(glared, |i| samples[i], progress);
         }
         self.shadow_rays += glared.rays - shot;
@@ -472,7 +472,7 @@ impl<'a> Solver<'a> {
         setup: &Setup<'_>,
         budget: &Budget,
         field: &gather::Field<'_>,
-        dimness: &[f32],
+        dimness: &Dimness<'_>,
         progress: &Progress,
     ) {
         let settings = setup.settings;

@@ -63,7 +63,7 @@ pub use settle::{Settled, Unsure, settle};
 use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, mix};
 use crate::base::{LightVector, Progress, Rgb, Stream, parallel, warp};
-use crate::patches::{PatchSurface, Patches, Sight, Tilts};
+use crate::patches::{Dimness, PatchSurface, Patches, Sight, Tilts};
 use crate::trace::{Hit, Ray, Rays, Tracer};
 use bent::Bent;
 use core::f32::consts::PI;
@@ -182,10 +182,10 @@ impl Gathered {
 }
 
 /// Rays per half that a second round of `mean` rays per half gives each texel: in proportion to the root of `error`
-/// (squared, smoothed), over that of the dimness around (see `patches::Outlook`; empty for nowhere dimmer).
+/// (squared, smoothed), over that of the dimness around.
 #[must_use]
-pub fn second_round(error: &[f32], dimness: &[f32], mean: f32) -> Vec<u32> {
-    let deviation = |i: usize| (error[i].max(0.0) / dimness.get(i).map_or(1.0, |dim| *dim)).sqrt();
+pub fn second_round(error: &[f32], dimness: &Dimness<'_>, mean: f32) -> Vec<u32> {
+    let deviation = |i: usize| (error[i].max(0.0) / dimness.at(i)).sqrt();
     let total = parallel::sum(error.len(), |i| f64::from(deviation(i)));
     if total <= 0.0 {
         return vec![0; error.len()];

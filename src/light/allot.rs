@@ -52,6 +52,7 @@ use super::direct::{Estimate, Kind};
 use super::neighbors::Neighbors;
 use super::openings::Openings;
 use crate::base::{Rgb, color, parallel};
+use crate::patches::Dimness;
 
 /// A patch, and the samples of each half that it shall have.
 pub(super) type Allotment = (u32, u32);
@@ -134,8 +135,8 @@ pub(super) struct Judges<'a> {
     pub(super) openings: &'a Openings,
     /// Light of all kinds together, mean of the channels [lx].
     pub(super) visible: &'a [f32],
-    /// How bright it is around each patch, over the scene's mean, where it is far dimmer; empty for nowhere.
-    pub(super) dimness: &'a [f32],
+    /// How bright it is around each patch, over the scene's mean.
+    pub(super) dimness: &'a Dimness<'a>,
 }
 
 /// Judges the estimates of one kind.
@@ -172,7 +173,7 @@ impl Judge<'_> {
         let (spread, light) = self.around(i);
         let n = own.samples as f32;
         let gain = spread / (n * n) * self.typical;
-        let dim = self.judges.dimness.get(i).map_or(1.0, |dim| *dim);
+        let dim = self.judges.dimness.at(i);
         let enough = dim * if self.is_guided(i) { self.enough * ENOUGH_IN_OPENINGS } else { self.enough };
         let factor = (gain / (enough * (light + dim * self.dark)).max(f32::MIN_POSITIVE)).sqrt();
         let most = if self.is_by_neighbors(i) { MOST as f32 } else { MOST_AT_ONCE };

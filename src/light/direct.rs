@@ -24,7 +24,7 @@ use super::{Emitters, Settings};
 use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, Stream, mix};
 use crate::base::{LightVector, Progress, Rgb, parallel};
-use crate::patches::{Outlook, Patches};
+use crate::patches::{Dimness, Outlook, Patches};
 use crate::trace::Tracer;
 use glam::Vec2;
 
@@ -134,12 +134,12 @@ pub fn direct(
             layers.push(layer);
         }
     }
-    let mut dimness = vec![];
+    let mut dimness = Dimness::default();
     for rounds in 0..allot::ROUNDS {
         let estimates: Vec<(&[Estimate], Kind)> = layers.iter().map(|l| (l.estimates.as_slice(), l.kind)).collect();
         let visible = allot::visible(&context.hard.irradiance, &estimates);
         if rounds == 0 {
-            dimness = outlook.map_or(vec![], |outlook| outlook.dimness(patches, &visible));
+            dimness = outlook.map_or_else(Dimness::default, |outlook| outlook.dimness(patches, &visible));
         }
         let judges = Judges { neighbors: &neighbors, openings, visible: &visible, dimness: &dimness };
         let wanted = allot::wanted(&estimates, &judges, settings.samples, rounds);

@@ -21,6 +21,13 @@ impl Patches {
         self.grid.len().checked_div(count(self.page_size)).unwrap_or(0) * count(self.blocks_per_side(edge))
     }
 
+    /// The place of a front patch among these.
+    pub(super) fn block_place(&self, front: usize, edge: u32) -> usize {
+        let [columns, rows] = self.blocks_per_side(edge).map(|n| n as usize);
+        let (x, y) = self.texel_xy(front);
+        (self.page(front) as usize * rows + (y / edge) as usize) * columns + (x / edge) as usize
+    }
+
     /// The blocks at such a place, page by page and row by row: one for each chart that is there.
     #[must_use]
     pub fn blocks_at(&self, place: usize, edge: u32) -> Vec<Block> {

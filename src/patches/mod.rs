@@ -42,7 +42,7 @@ mod turn;
 
 pub use blocks::{BLOCK, Block};
 pub use graph::{COS_FACING, HEIGHTS, PatchGraph};
-pub use outlook::Outlook;
+pub use outlook::{Dimness, Outlook};
 pub use place::Seen;
 pub use readers::{Unlit, around};
 pub use sight::{Looked, Sight};

@@ -32,10 +32,36 @@ const LEAST: f32 = 1e-3;
 /// What blocks of patches of one chart and side look at.
 #[derive(Debug, Default)]
 pub struct Outlook {
-    /// Patches of each block that lie in the open, and what its rays meet: [`NO_PATCH`] for what leaves the scene.
-    blocks: Vec<(Vec<u32>, [u32; RAYS])>,
-    /// The block of each patch; [`NO_PATCH`] for none.
-    of: Vec<u32>,
+    /// Where the blocks of each place start, and the end.
+    first: Vec<u32>,
+    blocks: Vec<Looker>,
+}
+
+/// A block.
+#[derive(Debug)]
+struct Looker {
+    chart: u32,
+    is_back: bool,
+    /// What its rays meet: [`NO_PATCH`] for what leaves the scene.
+    met: [u32; RAYS],
+}
+
+/// How bright it is around patches, over the mean of the scene.
+#[derive(Debug, Default)]
+pub struct Dimness<'a> {
+    /// By block; `None` where nobody knows.
+    known: Option<(&'a Outlook, &'a Patches, Vec<f32>)>,
+}
+
+impl Dimness<'_> {
+    /// 1, or less where it is far dimmer.
+    #[must_use]
+    pub fn at(&self, patch: usize) -> f32 {
+        let known = |(outlook, patches, dimness): &(&Outlook, &Patches, Vec<f32>)| {
+            outlook.block(patches, patch).map(|block| dimness[block])
+        };
+        self.known.as_ref().and_then(known).unwrap_or(1.0)
+    }
 }
 
 impl Outlook {
@@ -43,25 +69,22 @@ impl Outlook {
     #[must_use]
     pub fn find(tracer: &Tracer<'_>, patches: &Patches, progress: &Progress) -> Self {
         let found = parallel::map_watched(patches.block_places(BLOCK), progress, |place| {
-            let sides = sides(patches, place);
             let look = |side: Vec<u32>| {
-                let met = core::array::from_fn(|k| meet(tracer, patches, side[k * side.len() / RAYS], k));
-                (side, met)
+                let front = patches.front_patch(side[0] as usize);
+                Looker {
+                    chart: patches.chart(front),
+                    is_back: front != side[0] as usize,
+                    met: core::array::from_fn(|k| meet(tracer, patches, side[k * side.len() / RAYS], k)),
+                }
             };
-            sides.into_iter().map(look).collect::<Vec<_>>()
+            sides(patches, place).into_iter().map(look).collect::<Vec<_>>()
         });
-        let blocks: Vec<_> = found.into_iter().flatten().collect();
-        let mut of = vec![NO_PATCH; patches.len()];
-        for ((members, _), b) in blocks.iter().zip(0..) {
-            members.iter().for_each(|&i| of[i as usize] = b);
+        let mut outlook = Self { first: vec![0], blocks: vec![] };
+        for blocks in found {
+            outlook.blocks.extend(blocks);
+            outlook.first.push(outlook.blocks.len() as u32);
         }
-        Self { blocks, of }
-    }
-
-    /// Nobody has looked around, or there is nobody.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        self.blocks.is_empty()
+        outlook
     }
 
     /// Number of blocks.
@@ -70,52 +93,67 @@ impl Outlook {
         self.blocks.len()
     }
 
+    /// Nobody looks around.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.blocks.is_empty()
+    }
+
     /// The block of a patch; `None` for one that has no part in light.
     #[must_use]
-    pub fn block(&self, patch: usize) -> Option<usize> {
-        self.of.get(patch).filter(|b| **b != NO_PATCH).map(|b| *b as usize)
+    pub fn block(&self, patches: &Patches, patch: usize) -> Option<usize> {
+        if patches.exposed_area(patch) <= 0.0 {
+            return None;
+        }
+        let front = patches.front_patch(patch);
+        let (chart, place) = (patches.chart(front), patches.block_place(front, BLOCK));
+        let mut there = *self.first.get(place)? as usize..*self.first.get(place + 1)? as usize;
+        there.find(|b| self.blocks[*b].chart == chart && self.blocks[*b].is_back == (front != patch))
     }
 
     /// Mean of what rays of a block meet; nothing for those that leave the scene.
     pub fn mean_met(&self, block: usize, value: impl Fn(usize) -> f32) -> f32 {
-        let met = self.blocks[block].1.iter().filter(|patch| **patch != NO_PATCH);
+        let met = self.blocks[block].met.iter().filter(|patch| **patch != NO_PATCH);
         met.map(|&patch| value(patch as usize)).sum::<f32>() / RAYS as f32
     }
 
     /// Mean of each block, by area.
     pub fn means(&self, patches: &Patches, value: impl Fn(usize) -> f32 + Sync) -> Vec<f32> {
-        parallel::map(self.blocks.len(), |b| {
-            let members = &self.blocks[b].0;
+        let mean = |side: Vec<u32>| {
             let area = |i: u32| patches.exposed_area(i as usize);
             let (sum, whole) =
-                members.iter().fold((0.0, 0.0), |(s, w), &i| (s + area(i) * value(i as usize), w + area(i)));
-            if whole > 0.0 { sum / whole } else { 0.0 }
-        })
+                side.iter().fold((0.0, 0.0), |(s, w), &i| (s + area(i) * value(i as usize), w + area(i)));
+            sum / whole
+        };
+        let places = parallel::map(patches.block_places(BLOCK), |place| {
+            sides(patches, place).into_iter().map(mean).collect::<Vec<f32>>()
+        });
+        places.into_iter().flatten().collect()
     }
 
-    /// How bright it is around each patch, over the mean of `light` [lx] in the scene: 1, or less where it is far dimmer. Empty
-    /// without an outlook, and in the dark.
+    /// How bright it is around each patch, over the mean of `light` [lx] in the scene. 1 everywhere in the dark.
     #[must_use]
-    pub fn dimness(&self, patches: &Patches, light: &[f32]) -> Vec<f32> {
+    pub fn dimness<'a>(&'a self, patches: &'a Patches, light: &[f32]) -> Dimness<'a> {
         let area = |i: usize| f64::from(patches.exposed_area(i));
         let whole = parallel::sum(patches.len(), area);
         let mean =
             (parallel::sum(patches.len(), |i| f64::from(light[i]) * area(i)) / whole.max(f64::MIN_POSITIVE)) as f32;
         if self.is_empty() || mean <= 0.0 {
-            return vec![];
+            return Dimness::default();
         }
         let of_block = self.means(patches, |i| light[i]);
-        let light_at = |i: usize| self.block(i).map_or(0.0, |b| of_block[b]);
+        let block = |i: usize| self.block(patches, i);
+        let light_at = |i: usize| block(i).map_or(0.0, |b| of_block[b]);
         let sent = |i: usize| light_at(i) * color::mean(patches.albedo(i));
         let with_bounce = parallel::map(self.len(), |b| of_block[b] + self.mean_met(b, sent));
-        let seen = |i: usize| self.block(i).map_or(0.0, |b| with_bounce[b]);
+        let seen = |i: usize| block(i).map_or(0.0, |b| with_bounce[b]);
         let dimness = parallel::map(self.len(), |b| {
             let meets = self.mean_met(b, |_| 1.0);
             let around =
                 if meets > 0.0 { 0.5 * (with_bounce[b] + self.mean_met(b, seen) / meets) } else { with_bounce[b] };
             (NARROW * around / mean).clamp(LEAST, 1.0)
         });
-        parallel::map(patches.len(), |i| self.block(i).map_or(1.0, |b| dimness[b]))
+        Dimness { known: Some((self, patches, dimness)) }
     }
 }
 

@@ -36,7 +36,7 @@ const LEAST_ALBEDO: f32 = 0.05;
 pub(super) fn importance(outlook: &Outlook, patches: &Patches, unshot: &[Rgb]) -> Vec<f32> {
     let received = |i: usize| color::mean(unshot[i]) / color::mean(patches.albedo(i)).max(LEAST_ALBEDO);
     let light = outlook.means(patches, |i| received(i) / patches.exposed_area(i));
-    let light_at = |i: usize| outlook.block(i).map_or(0.0, |b| light[b]);
+    let light_at = |i: usize| outlook.block(patches, i).map_or(0.0, |b| light[b]);
     let area = |i: usize| f64::from(patches.exposed_area(i));
     let n = patches.len();
     let (all, whole) = (parallel::sum(n, |i| f64::from(light_at(i)) * area(i)), parallel::sum(n, area));
@@ -46,7 +46,7 @@ pub(super) fn importance(outlook: &Outlook, patches: &Patches, unshot: &[Rgb]) -
     let mean = (all / whole) as f32;
     let counts = |i: usize| mean / (light_at(i) + DARK as f32 * mean);
     let roots = parallel::map(outlook.len(), |b| outlook.mean_met(b, counts).sqrt());
-    let root = |i: usize| outlook.block(i).map_or(0.0, |b| roots[b]);
+    let root = |i: usize| outlook.block(patches, i).map_or(0.0, |b| roots[b]);
     let flux = |i: usize| f64::from(color::mean(unshot[i]));
     let counted = parallel::sum(n, |i| flux(i) * f64::from(root(i)));
     let by_power = parallel::sum(n, |i| flux(i) * f64::from(root(i).powi(2)));

@@ -181,7 +181,8 @@ fn what_is_dim_beside_the_street_gets_shadow_rays_by_what_is_bright_in_it() {
     let is_outside = |i: usize| patches.position[i].y > 2.0;
     let dimness = |inside: f32| {
         let light = |i: usize| if is_outside(i) { 50.0 } else { inside };
-        outlook.dimness(patches, &(0..patches.len()).map(light).collect::<Vec<f32>>())
+        let dimness = outlook.dimness(patches, &(0..patches.len()).map(light).collect::<Vec<f32>>());
+        (0..patches.len()).map(|i| dimness.at(i)).collect::<Vec<f32>>()
     };
     let (dim, even) = (dimness(0.2), dimness(20.0));
     for i in 0..patches.len() {
