@@ -83,7 +83,8 @@ fn a_page_holds_pictures_maps_groups_and_warnings_and_is_the_same_at_any_thread_
 
     // The pictures are those that `render` makes of the files; the charts of a page are not its light.
     let baked = html.picture("The scene in the light");
-    let same = difference(&baked, &rendered(home.path(), "0"));
+    // Camera 0, of the node that is troubled, cannot be used.
+    let same = difference(&baked, &rendered(home.path(), "1"));
     let other = difference(&baked, &html.picture("The scene without a bake"));
     assert!(same < 2.0 && other > 10.0, "{same} {other}");
     let pages = report["atlas"]["pages"].as_u64().unwrap();
