@@ -61,15 +61,23 @@ struct Found {
     rays: u64,
 }
 
-fn found(stage: &Stage<'_>, half: f32, openings: &Openings, samples: u32) -> Found {
-    found_by(stage, half, (openings, None), samples)
+/// Samples of a texel, and seeds.
+#[derive(Clone, Copy)]
+struct Effort {
+    samples: u32,
+    seeds: u32,
 }
 
-fn found_by(stage: &Stage<'_>, half: f32, by: (&Openings, Option<&Outlook>), samples: u32) -> Found {
+fn found(stage: &Stage<'_>, half: f32, openings: &Openings, effort: Effort) -> Found {
+    found_by(stage, half, (openings, None), effort)
+}
+
+fn found_by(stage: &Stage<'_>, half: f32, by: (&Openings, Option<&Outlook>), effort: Effort) -> Found {
     let wall = faces(stage);
     let exact: Vec<f64> = wall.iter().map(|&i| expected(stage.patches.position[i], half)).collect();
     let mean = exact.iter().fold(0.0, |a, b| a + b) / wall.len() as f64;
-    let (mut sum, mut square, mut rays, seeds) = (0.0, 0.0, 0, 16u32);
+    let Effort { samples, seeds } = effort;
+    let (mut sum, mut square, mut rays) = (0.0, 0.0, 0);
     for seed in 0..seeds {
         let how = light::Settings { samples, gather_rays: 0.0, seed: seed.into(), directional: false };
         let progress = Progress::default();
@@ -94,9 +102,10 @@ fn looked(stage: &Stage<'_>, seed: u64) -> Openings {
 }
 
 /// With maps of where light comes in and without.
-fn compared(scene: &Scene, samples: u32) -> [Found; 2] {
+fn compared(scene: &Scene) -> [Found; 2] {
     let stage = Stage::new(scene, 8.0);
-    [openings(&stage), Openings::default()].map(|openings| found(&stage, HALF, &openings, samples))
+    [openings(&stage), Openings::default()]
+        .map(|openings| found(&stage, HALF, &openings, Effort { samples: 4, seeds: 8 }))
 }
 
 fn under_sky(half: f32) -> Scene {
@@ -106,7 +115,7 @@ fn under_sky(half: f32) -> Scene {
 
 #[test]
 fn the_sky_in_a_window_is_found_by_few_samples() {
-    let [guided, blind] = compared(&under_sky(HALF), 4);
+    let [guided, blind] = compared(&under_sky(HALF));
     assert!((guided.mean - 1.0).abs() < 0.01, "{} {} {} {}", guided.mean, guided.error, blind.mean, blind.error);
     let merit = |found: &Found| 1.0 / (found.error.powi(2) * found.rays as f64);
     assert!(
@@ -123,11 +132,12 @@ fn the_sky_in_a_window_is_found_by_few_samples() {
 fn a_hole_that_one_block_has_found_is_found_by_all() {
     // Of the wall that faces it, one ray in 500 finds out.
     let scene = under_sky(HOLE);
+    let effort = Effort { samples: 4, seeds: 16 };
     let stage = Stage::new(&scene, 8.0);
-    let all: Vec<Found> = (0..2).map(|seed| found(&stage, HOLE, &looked(&stage, seed), 4)).collect();
+    let all: Vec<Found> = (0..2).map(|seed| found(&stage, HOLE, &looked(&stage, seed), effort)).collect();
     let mean = all.iter().map(|found| found.mean).fold(0.0, |a, b| a + b) / all.len() as f64;
     let error = all.iter().map(|found| found.error).fold(0.0, f64::max);
-    let blind = found(&stage, HOLE, &Openings::default(), 4);
+    let blind = found(&stage, HOLE, &Openings::default(), effort);
     assert!((mean - 1.0).abs() < 0.02, "{mean}");
     assert!(error < 0.2 * blind.error, "{error}, without maps {}", blind.error);
 }
@@ -136,7 +146,7 @@ fn a_hole_that_one_block_has_found_is_found_by_all() {
 fn what_glows_behind_a_window_is_found_by_few_samples() {
     let backdrop = square(Vec3::new(-15.0, -7.5, -3.0), Vec3::X * 30.0, Vec3::Y * 15.0);
     let glowing = Material { emission: Rgb::ONE, ..support::white() };
-    let [guided, blind] = compared(&support::scene_of_two(&room(HALF), &backdrop, glowing), 4);
+    let [guided, blind] = compared(&support::scene_of_two(&room(HALF), &backdrop, glowing));
     // Where no ray of a block passes the window, samples alone look for it, and bring too little in the mean.
     assert!((guided.mean - 1.0).abs() < 0.04 && blind.mean < 0.8, "{}, without maps {}", guided.mean, blind.mean);
     assert!(guided.error < 0.4 * blind.error, "{}, without maps {}", guided.error, blind.error);
@@ -192,7 +202,8 @@ fn what_is_dim_beside_the_street_gets_shadow_rays_by_what_is_bright_in_it() {
     }
     assert!(dimness(0.0).iter().enumerate().all(|(i, dim)| is_outside(i) || *dim > 0.0));
     let openings = openings(&stage);
-    let [by_mean, by_place] = [None, Some(&outlook)].map(|outlook| found_by(&stage, HALF, (&openings, outlook), 16));
+    let [by_mean, by_place] = [None, Some(&outlook)]
+        .map(|outlook| found_by(&stage, HALF, (&openings, outlook), Effort { samples: 16, seeds: 16 }));
     assert!((by_place.mean - 1.0).abs() < 0.01, "{}", by_place.mean);
     assert!(by_place.error < 0.8 * by_mean.error, "{}, by the scene's mean {}", by_place.error, by_mean.error);
 }
