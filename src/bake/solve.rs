@@ -280,7 +280,6 @@ impl<'a> Solver<'a> {
             let sky: Option<gather::Sky<'_>> = if rays > 0.0 && emitters.has_sky() { Some(&sky) } else { None };
             self.settle(setup, &mut sent_on, &direct, sky, pass_seed, clock)?;
             let SentOn { radiance, light, tilts, .. } = sent_on;
-            let dimness = setup.dimness(&light);
             let radiance = [radiance[0].as_slice(), radiance[1].as_slice()];
             let sent = Sent { tracer, patches, radiance, tilts: &tilts, seed };
             let glare = self.look_for_glare(setup, budget, &sent, &light, clock)?;
@@ -294,7 +293,7 @@ impl<'a> Solver<'a> {
             let is_known = settings.bounces.is_some() || settings.direct == DirectMode::Shoot;
             let looks = (!is_known).then_some(&anew);
             let field = gather::Field { tracer, patches, radiance, left_out, tilts: &tilts, sky, anew: looks, seed };
-            clock.timed("gather", |progress| self.gather(setup, budget, &field, &dimness, progress))?;
+            clock.timed("gather", |progress| self.gather(setup, budget, &field, &light, progress))?;
             self.shadow_rays += anew.rays.into_inner();
             (self.glare, self.openings) = (Some(glare), Some(openings));
         }
@@ -472,7 +471,7 @@ impl<'a> Solver<'a> {
         setup: &Setup<'_>,
         budget: &Budget,
         field: &gather::Field<'_>,
-        dimness: &Dimness<'_>,
+        light: &[f32],
         progress: &Progress,
     ) {
         let settings = setup.settings;
@@ -482,7 +481,8 @@ impl<'a> Solver<'a> {
         if half > first && !progress.cancelled() {
             let [mut a, mut b] = self.gathered.halves();
             let error = finish::share(field.patches, setup.ways(a.len()), [&mut a, &mut b], Along::default());
-            let rays = gather::second_round(&error.around(&setup.network()), dimness, (half - first) as f32);
+            let rays =
+                gather::second_round(&error.around(&setup.network()), &setup.dimness(light), (half - first) as f32);
             self.gathered.add(field, |i| rays[i], progress);
         }
     }

@@ -24,11 +24,11 @@
 //!
 //! Limits: what is seen through tinted surfaces is taken as known.
 
-use super::Field;
 use super::balance::{NONE, RAYS, Seen, balance};
+use super::{Field, Sky};
 use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, mix};
-use crate::base::{Progress, Rgb, parallel, warp};
+use crate::base::{Progress, Rgb, parallel};
 use crate::patches::PatchSurface;
 use crate::trace::Ray;
 use core::f32::consts::FRAC_1_PI;
@@ -134,11 +134,10 @@ fn look(field: &Field<'_>, half: usize, patch: usize) -> Seen {
     for (k, other) in (0u32..).zip(&mut seen.others) {
         let [u, v, x, y] = sequence.point(k);
         let spot = surface.sample(Vec2::new(x, y));
-        let frame = surface.frame(&spot);
-        let direction = frame.to_world(warp::square_to_cosine_hemisphere(Vec2::new(u, v)));
-        let ray = Ray { origin: surface.origin(&spot, direction), direction, t_max: f32::INFINITY };
+        let ray = surface.cosine_ray(&spot, Vec2::new(u, v));
         let Some(hit) = field.tracer.closest_hit(&ray) else {
-            seen.known += field.sky.map_or(Rgb::ZERO, |sky| sky(patch, frame.n, direction) * field.tracer.tint(&ray));
+            let light = |sky: Sky<'_>| sky(patch, surface.normal(&spot), ray.direction) * field.tracer.tint(&ray);
+            seen.known += field.sky.map_or(Rgb::ZERO, light);
             continue;
         };
         // As in the walk: what is hidden neither gets nor gives light.

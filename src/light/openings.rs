@@ -14,8 +14,8 @@
 //! Cache for Accelerating Global Illumination", CGF 31(6), 2012. Where we differ: the table is of direct light alone, made once, by
 //! rays that are used for nothing else, so that what they find by chance is no bias.
 //!
-//! Small blocks, of which charts have rows along their edges, go by the map of the block next to them: without one, 2 of 100
-//! texels of a room with a window had half of the squared error of its direct light (`preview`).
+//! Small blocks, of which charts have rows along their edges, go by the map of the block next to them. With these,
+//! and by what blocks tell each other, direct light of a room with a window of 0.6 m had 4.9 % error instead of 14 % (`preview`).
 //!
 //! Invariants: same bits at any thread count; any map gives the same light in the mean.
 //!

@@ -30,15 +30,19 @@ pub(super) const RAYS: u32 = CELLS * CELLS;
 const RAYS_OF_TEXEL: u32 = 16;
 /// Every so many of the even rays tell whom the block sees.
 const EVERY: u32 = 16;
-/// Share of the even rays after which a block that sees most of the sky needs no more: a multiple of [`MOST`].
-const FEW: u32 = 4;
-const SURE: f32 = 3.0;
 /// Share of the sky that is seen, from which on looking for it needs no map.
 const MOST: f32 = 0.06;
-/// Rounds in which a block looks around what was found; those with fewer than so many rays that found something; and without any.
+/// After the first of so many parts of the even rays, a block needs no more that sees more than that by [`SURE`] times: of 64
+/// rays, four or more find the sky from four in ten blocks that see 5 % of it.
+const FEW: u32 = 4;
+const SURE: f32 = 3.0;
+/// Rounds of rays toward what was found, for a block of which [`LUCKY`] have found something.
 const ROUNDS: u32 = 2;
+/// The same for one with fewer.
 pub(super) const MOST_ROUNDS: u32 = 8;
+/// The same for one with none.
 const VAIN_ROUNDS: u32 = 3;
+/// Rays that have found something, with which a block knows enough.
 const LUCKY: u32 = 64;
 /// Most rays of a block that are remembered for having found something, and those of them that others are told.
 const FINDS: usize = 16;

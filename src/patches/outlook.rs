@@ -16,8 +16,8 @@
 
 use super::{NO_PATCH, PatchSurface, Patches};
 use crate::base::random::{Stage, Stream};
-use crate::base::{Progress, color, parallel, warp};
-use crate::trace::{Ray, Tracer};
+use crate::base::{Progress, color, parallel};
+use crate::trace::Tracer;
 use glam::Vec2;
 
 /// Edge of a block [texels].
@@ -176,8 +176,6 @@ fn meet(tracer: &Tracer<'_>, patches: &Patches, patch: u32, k: usize) -> u32 {
     let mut square = || Vec2::new(stream.next_f32(), stream.next_f32());
     let surface = PatchSurface::new(tracer, patches, patch as usize);
     let spot = surface.sample(square());
-    let direction = surface.frame(&spot).to_world(warp::square_to_cosine_hemisphere(square()));
-    let ray = Ray { origin: surface.origin(&spot, direction), direction, t_max: f32::INFINITY };
-    let seen = tracer.closest_hit(&ray).and_then(|hit| patches.seen(&hit));
+    let seen = tracer.closest_hit(&surface.cosine_ray(&spot, square())).and_then(|hit| patches.seen(&hit));
     seen.map_or(NO_PATCH, |seen| seen.patch as u32)
 }

@@ -17,9 +17,9 @@
 use super::cells::{MASK_GRID, cell_index};
 use super::{Patches, SurfacePoint, Tilt};
 use crate::atlas::raster::Polygon;
-use crate::base::Frame;
 use crate::base::random::{mix, unit_f32};
-use crate::trace::{Ground, Lift, Tracer};
+use crate::base::{Frame, warp};
+use crate::trace::{Ground, Lift, Ray, Tracer};
 use glam::{DVec2, Vec2, Vec3};
 
 /// Draws before a point where light is tilted is given up on: at least three in sixteen are taken.
@@ -260,6 +260,14 @@ impl<'a> PatchSurface<'a> {
     #[inline]
     pub fn origin(&self, spot: &Spot, direction: Vec3) -> Vec3 {
         self.tracer.leave(self.ground(spot), spot.point.b, direction)
+    }
+
+    /// A cosine-distributed ray from a point, around the normal of its triangle.
+    #[must_use]
+    #[inline]
+    pub fn cosine_ray(&self, spot: &Spot, u: Vec2) -> Ray {
+        let direction = self.frame(spot).to_world(warp::square_to_cosine_hemisphere(u));
+        Ray { origin: self.origin(spot, direction), direction, t_max: f32::INFINITY }
     }
 }
 

@@ -14,9 +14,9 @@
 //! Limits: a dim place into which bright light finds a way is no place of its own; lines find it by what counts there (`importance`).
 
 use crate::base::random::Stage;
-use crate::base::{Progress, Rgb, Sets, Stream, color, parallel, warp};
+use crate::base::{Progress, Rgb, Sets, Stream, color, parallel};
 use crate::patches::{PatchGraph, PatchSurface, Patches};
-use crate::trace::{Ray, Tracer};
+use crate::trace::Tracer;
 use glam::Vec2;
 
 /// Patches per ray, and least rays from a surface that hangs together.
@@ -51,9 +51,7 @@ pub fn places(tracer: &Tracer<'_>, patches: &Patches, graph: &PatchGraph, progre
         let mut square = || Vec2::new(stream.next_f32(), stream.next_f32());
         let surface = PatchSurface::new(tracer, patches, patch);
         let spot = surface.sample(square());
-        let direction = surface.frame(&spot).to_world(warp::square_to_cosine_hemisphere(square()));
-        let ray = Ray { origin: surface.origin(&spot, direction), direction, t_max: f32::INFINITY };
-        match tracer.closest_hit(&ray) {
+        match tracer.closest_hit(&surface.cosine_ray(&spot, square())) {
             Some(hit) => patches.seen(&hit).map(|seen| regions[seen.patch] as usize),
             None => Some(outside),
         }

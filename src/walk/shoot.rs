@@ -14,7 +14,7 @@ use super::deposit::{Arrival, deposit};
 use super::{Bounce, EmittedLines, Settings};
 use crate::base::low_discrepancy::Sequence;
 use crate::base::random::{Stage, mix};
-use crate::base::{Progress, Rgb, Stream, parallel, warp};
+use crate::base::{Progress, Rgb, Stream, parallel};
 use crate::patches::{PatchGraph, PatchSurface, Patches, Seen, Tilts};
 use crate::trace::{Hit, Line, Ray, Rays, Tracer};
 use glam::{DVec3, Vec2};
@@ -284,6 +284,5 @@ fn leave(surface: &PatchSurface<'_>, u: [f32; 4], patch: usize, starts: Starts<'
         Starts::Tilted(tilts) => surface.sample_tilted(at, tilts.of(patch)),
         Starts::At(marks) => surface.at(marks[patch].within()),
     };
-    let direction = surface.frame(&spot).to_world(warp::square_to_cosine_hemisphere(Vec2::new(u[2], u[3])));
-    (Ray { origin: surface.origin(&spot, direction), direction, t_max: f32::INFINITY }, spot.point.triangle)
+    (surface.cosine_ray(&spot, Vec2::new(u[2], u[3])), spot.point.triangle)
 }
